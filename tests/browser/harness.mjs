@@ -283,7 +283,7 @@ export const openTab = (page, name) => page.getByRole("tab", { name, exact: true
 export const displayOf = (page) => page.evaluate(() => globalThis.kilwa.api.state().display ?? {});
 
 /** Shows only the canvas: everything over it is invisible, but stays in place, keeps the focus, and can be pressed. */
-const BARE = `:not(:has([role="application"]), [role="application"]) { opacity: 0 !important; transition: none !important; }
+export const BARE = `:not(:has([role="application"]), [role="application"]) { opacity: 0 !important; transition: none !important; }
 [role="application"] { outline: none !important; transition: none !important; }`;
 
 /** The model's picture as it is on screen: red, green, blue and alpha, rows from the top. Of a page, or of a frame in one. */
@@ -294,16 +294,28 @@ export async function pixels(page) {
     if (!document.adoptedStyleSheets.includes(globalThis.bare)) document.adoptedStyleSheets.push(globalThis.bare);
   }, BARE);
   // Hiding the caret would add a style, which the page's security policy forbids.
-  const { width, height, channels, pixels: bytes } = decodePng(await canvasOf(page).screenshot({ caret: "initial" }));
+  const png = await canvasOf(page).screenshot({ caret: "initial" });
   await page.evaluate(() => globalThis.bare.replaceSync(""));
+  return decoded(png);
+}
+
+/** A PNG's pixels: red, green, blue and alpha, rows from the top; or only a part, `[left, top, width, height]`. */
+export function decoded(png, part) {
+  const { width: whole, height: tall, channels, pixels: bytes } = decodePng(png);
+  const [left, top, width, height] = part?.map(Math.round) ?? [0, 0, whole, tall];
   const all = Buffer.alloc(width * height * 4, 255);
-  for (let from = 0, to = 0; from < bytes.length; from += channels, to += 4) bytes.copy(all, to, from, from + channels);
+  for (let y = 0, to = 0; y < height; y += 1) {
+    let from = ((top + y) * whole + left) * channels;
+    for (let x = 0; x < width; x += 1, from += channels, to += 4) bytes.copy(all, to, from, from + channels);
+  }
   return { width, height, pixels: all };
 }
 
-/** Figures of that picture: how much of it is model, a hash of its pixels, and the pixel in its middle. */
-export async function picture(page) {
-  const { width, height, pixels: bytes } = await pixels(page);
+/** Figures of the model's picture on screen: how much of it is model, a hash of its pixels, and the pixel in its middle. */
+export const picture = async (page) => figuresOf(await pixels(page));
+
+/** These figures of a picture that is at hand. */
+export function figuresOf({ width, height, pixels: bytes }) {
   let model = 0;
   let hash = 0;
   for (let y = 0; y < height; y += 1) {

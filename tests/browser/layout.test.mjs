@@ -1,7 +1,8 @@
 // Where things are on the page: phones on their side, the model beside the tools, labels beside pins, and tabs that keep their place.
 
 import assert from "node:assert/strict";
-import { canvasOf, fortSite, open, openTab, test, tool, waitFor } from "./harness.mjs";
+import { canvasOf, fortSite, open, openTab, press, test, tool, waitFor } from "./harness.mjs";
+import { done } from "./measuring.mjs";
 
 const site = fortSite();
 const fort = (query = "") => `${site.server.url}/m/fort${query}`;
@@ -127,4 +128,34 @@ test("each tab of the panel keeps how far it was scrolled", async () => {
   await openTab(page, "Display");
   assert.equal(await scrolled(), place);
   await close();
+});
+
+test("a measurement's value and the remark on its accuracy fit in the panel", async () => {
+  for (const language of ["en", "fr", "ar"]) {
+    const { page, complaints, close } = await open(site.browser, fort(`?error=16&lang=${language}`), { size: [1000, 700] });
+    await page.locator("#tool-measure").click();
+    await page.locator("#measure-bar").waitFor();
+    // Clicked, so that the uncertainty of pointing is part of the remark.
+    for (const x of [0.45, 0.53]) await press(page, x, 0.5);
+    await done(page);
+    await page.locator("#measure .value").first().waitFor();
+    const outside = await page.locator("#measure").evaluate((panel) => {
+      const { left, right } = panel.getBoundingClientRect();
+      const texts = document.createTreeWalker(panel, NodeFilter.SHOW_TEXT);
+      const found = [];
+      while (texts.nextNode()) {
+        const { currentNode: text } = texts;
+        const range = document.createRange();
+        range.selectNodeContents(text);
+        // The lines of the text, not the box around it.
+        const lines = [...range.getClientRects()].filter((line) => line.width > 0);
+        const isShown = text.parentElement.checkVisibility() && !text.parentElement.closest(".hidden");
+        if (isShown && lines.some((line) => line.left < left || line.right > right)) found.push(text.textContent);
+      }
+      return found;
+    });
+    assert.deepEqual(outside, [], language);
+    assert.deepEqual(complaints, []);
+    await close();
+  }
 });

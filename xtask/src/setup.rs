@@ -1,6 +1,6 @@
 //! The tools that the tasks need besides cargo, checked before they are used and installed where that is possible without asking:
-//! the wasm target (rustup), Node and npm packages (npm ci from the lock files), Debian's Chromium, Mesa's software
-//! Vulkan and strace (apt-get, only as root).
+//! the wasm target (rustup), Node and npm packages (npm ci from the lock files), Debian's Chromium, Firefox and WebKitGTK,
+//! Mesa's software Vulkan and strace (apt-get, only as root).
 //!
 //! Invariants: each step says what it does before it does it; nothing is installed through sudo; where a step cannot be done the
 //! error is the command to type. A step that has nothing to do prints one line or none.
@@ -145,6 +145,30 @@ pub(crate) fn strace() -> Result<PathBuf> {
     }
     apt(&names, "no strace on PATH; tests use it to kill programs before system calls")?;
     on_path(&names).context("Debian's package strace was installed, but there is still no strace on PATH")
+}
+
+/// The other browsers that the core of the page is tested in, Firefox and WebKitGTK's, and a virtual display for them. Variables that name
+/// other programs are those of tests/browser/engines.mjs.
+///
+/// # Errors
+/// One of them is missing and cannot be installed. The tests that need it are then reported as skipped.
+pub(crate) fn other_browsers() -> Result<()> {
+    let needed = [
+        ("FIREFOX", "firefox-esr", "firefox-esr"),
+        ("WEBKIT_DRIVER", "WebKitWebDriver", "webkit2gtk-driver"),
+        ("XVFB", "Xvfb", "xvfb"),
+    ];
+    let is_missing = |variable, program| std::env::var_os(variable).is_none() && on_path(&[program]).is_none();
+    let mut failures = Vec::new();
+    for (variable, program, package) in needed {
+        // One at a time: a system may have some of the packages.
+        if is_missing(variable, program)
+            && let Err(why) = apt(&[package], &format!("no {program} on PATH; the page's core is tested with it"))
+        {
+            failures.push(format!("{why:#}"));
+        }
+    }
+    if failures.is_empty() { Ok(()) } else { bail!("{}", failures.join("; ")) }
 }
 
 /// Python packages of a list with exact versions (relative to the root), from PyPI, in a folder of their own in the user's cache: what to

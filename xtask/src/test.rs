@@ -213,6 +213,9 @@ fn set_up(_: Length) -> Result<Tally> {
     println!("a store to test with: {}", setup::python_packages(STORE_PACKAGES)?.display());
     println!("Dask: {}", setup::python_packages(DASK_PACKAGES)?.display());
     println!("browser: {}", setup::chromium()?.display());
+    if let Err(why) = setup::other_browsers() {
+        println!("tests in browsers that are not installed will be skipped: {why:#}");
+    }
     match setup::strace() {
         Ok(program) => println!("tests that kill programs before system calls use {}", program.display()),
         // Not every machine allows it to be installed or used; each such test prints that it was skipped.
