@@ -139,20 +139,30 @@ impl Progress for StopIn<'_> {
     }
 }
 
-/// Damages a file: changes a digit of text or two bits of a number, or moves bytes to another place in the file.
-fn damaged(bytes: &[u8], is_text: bool, is_moved: bool) -> Vec<u8> {
-    let mut damaged = bytes.to_vec();
-    let middle = bytes.len() / 2;
-    if is_moved {
-        damaged.rotate_left(middle / 4 * 4);
-    } else if is_text {
-        let at = middle + bytes[middle..].iter().position(u8::is_ascii_digit).unwrap();
-        damaged[at] ^= 1;
-    } else {
-        damaged[middle] ^= 5;
+/// Ways to damage a file.
+const DAMAGE: [&str; 4] = ["changed", "moved", "cut", "removed"];
+
+fn is_json(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "json")
+}
+
+/// Damages a file: changes a digit of text or two bits of a number, moves bytes to another place in the file, cuts off
+/// the end, or removes it.
+fn damage(path: &Path, how: &str) {
+    let bytes = std::fs::read(path).unwrap();
+    let (mut damaged, middle) = (bytes.clone(), bytes.len() / 2);
+    match how {
+        "changed" if is_json(path) => {
+            let at = middle + bytes[middle..].iter().position(u8::is_ascii_digit).unwrap();
+            damaged[at] ^= 1;
+        }
+        "changed" => damaged[middle] ^= 5,
+        "moved" => damaged.rotate_left(middle / 4 * 4),
+        "cut" => damaged.truncate(bytes.len() - 1),
+        _ => return std::fs::remove_file(path).unwrap(),
     }
     assert!(damaged != bytes);
-    damaged
+    std::fs::write(path, damaged).unwrap();
 }
 
 #[test]
@@ -160,7 +170,7 @@ fn a_damaged_scratch_file_is_detected_before_use_and_made_again() {
     let raw = wall(4000);
     let expected = undisturbed(&raw, 1, 1 << 32);
     let stages: [(&str, &[&str]); 4] = [
-        ("finding corners", &["positions", "triangles", "spool.json"]),
+        ("finding corners", &["positions", "colors", "triangles", "spool.json"]),
         ("sorting into regions", &["corners", "resolve.json"]),
         ("joining triangles", &["buckets", "halo", "scatter.json"]),
         ("filling leaves", &["welded", "replies", "topology.json"]),
@@ -172,23 +182,21 @@ fn a_damaged_scratch_file_is_detected_before_use_and_made_again() {
         let result = built(&raw, &settings(&scratch, false), &stop, &StopIn { stop: &stop, stage });
         assert!(matches!(result, Err(BuildError::Stopped)), "{stage}");
         drop(scratch);
-        for (file, is_moved) in files.iter().flat_map(|file| [(file, false), (file, true)]) {
+        for (file, how) in files.iter().flat_map(|file| DAMAGE.map(|how| (file, how))) {
+            if is_json(Path::new(file)) && how == "removed" {
+                continue;
+            }
             std::fs::create_dir(&again).unwrap();
             for entry in std::fs::read_dir(&stopped).unwrap() {
                 let entry = entry.unwrap();
                 std::fs::copy(entry.path(), again.join(entry.file_name())).unwrap();
             }
-            let whole = std::fs::read(stopped.join(file)).unwrap();
-            std::fs::write(
-                again.join(file),
-                damaged(&whole, Path::new(file).extension().is_some_and(|e| e == "json"), is_moved),
-            )
-            .unwrap();
+            damage(&again.join(file), how);
             let scratch = Scratch::open(&again).unwrap();
             let (bytes, report) = built(&raw, &settings(&scratch, true), &Stop::default(), &Silent)
-                .unwrap_or_else(|e| panic!("{stage}, {file}, moved {is_moved}: {e}"));
-            assert!(bytes == expected, "{stage}, {file}, moved {is_moved}: other bytes");
-            assert_eq!(report.redone, [file.to_string()], "{stage}, moved {is_moved}");
+                .unwrap_or_else(|e| panic!("{stage}, {file}, {how}: {e}"));
+            assert!(bytes == expected, "{stage}, {file}, {how}: other bytes");
+            assert_eq!(report.redone, [file.to_string()], "{stage}, {how}");
             scratch.discard(|_| true).unwrap();
         }
     }

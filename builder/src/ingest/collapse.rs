@@ -4,8 +4,9 @@
 //! Input: `corners`, on the provisional lattice, which decide exactly what collapses on a coarser one. They are read only if the lengths of the edges
 //! leave room for doubt. Triangles that collapse on the provisional lattice too do not count: no spacing would keep them.
 
+use super::corners::{Corners, Slots};
 use super::lattice::{Lengths, Measured, Provisional, Rounding, choose, finest};
-use super::resolve::{CORNERS, PIECE, block, read_corners};
+use super::resolve::PIECE;
 use super::words::Layout;
 use crate::build::options::BuildError;
 use crate::build::work::Work;
@@ -24,7 +25,7 @@ const MAX_HALVINGS: usize = 8;
 pub(super) fn spare_triangles(
     work: &Work<'_>,
     layout: Layout,
-    (provisional, triangles): (&Provisional, u64),
+    (provisional, triangles, slots): (&Provisional, u64, &Slots),
     lengths: &Lengths,
     measured: &Measured,
     derived: (Lattice, u32),
@@ -50,20 +51,23 @@ pub(super) fn spare_triangles(
         }
     }
     let roundings: Vec<Rounding> = candidates.iter().map(|c| Rounding::between(provisional, &c.0)).collect();
-    let collapsed = count(work, layout, triangles, &roundings)?;
+    let collapsed = count(work, &Corners::open(work.scratch, layout, slots)?, layout, &roundings)?;
     let enough = collapsed.iter().position(|n| (*n as f64) < allowed);
     let fewest = || (0..collapsed.len()).min_by_key(|i| collapsed[*i]);
     Ok(enough.or_else(fewest).map_or(derived, |i| candidates[i]))
 }
 
 /// How many triangles collapse in each of some roundings, but not on the provisional lattice.
-fn count(work: &Work<'_>, layout: Layout, triangles: u64, roundings: &[Rounding]) -> Result<Vec<u64>, BuildError> {
-    let corners = work.scratch.existing(CORNERS)?;
+fn count(
+    work: &Work<'_>,
+    corners: &Corners<'_>,
+    layout: Layout,
+    roundings: &[Rounding],
+) -> Result<Vec<u64>, BuildError> {
     let mut all = vec![0; roundings.len()];
-    let size = block(work, layout);
     let mut words = Vec::new();
-    for first in (0..triangles).step_by(size) {
-        read_corners(&corners, layout, first, (triangles - first).min(size as u64) as usize, &mut words)?;
+    for slot in 0..corners.len() {
+        corners.read(slot, &mut words)?;
         let pieces = words.par_chunks(PIECE * layout.triangle());
         let counts = pieces.map(|piece| {
             let mut counts = vec![0u64; roundings.len()];
@@ -77,7 +81,7 @@ fn count(work: &Work<'_>, layout: Layout, triangles: u64, roundings: &[Rounding]
         let sum = |a: Vec<u64>, b: Vec<u64>| a.iter().zip(&b).map(|(a, b)| a + b).collect();
         let counts = counts.reduce(|| vec![0; roundings.len()], sum);
         all.iter_mut().zip(counts).for_each(|(all, n)| *all += n);
-        work.progress.update("looking for small triangles", (first + size as u64).min(triangles), triangles);
+        work.progress.update("looking for small triangles", slot as u64 + 1, corners.len() as u64);
         work.stop.check()?;
     }
     Ok(all)

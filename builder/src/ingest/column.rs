@@ -1,6 +1,6 @@
 //! A file of rows of one width, appended to through a buffer and read by row.
 
-use crate::scratch::{Scratch, ScratchError, ScratchFile};
+use crate::scratch::{Scratch, ScratchError, ScratchFile, Sum, Summing};
 
 /// Bytes gathered before they are written.
 const BUFFER: usize = 1 << 20;
@@ -12,11 +12,12 @@ pub(super) struct Column {
     width: usize,
     written: u64,
     buffer: Vec<u8>,
+    summing: Summing,
 }
 
 impl Column {
     pub(super) fn create(scratch: &Scratch, name: &str, width: usize) -> Result<Self, ScratchError> {
-        Ok(Self { file: scratch.create(name)?, width, written: 0, buffer: Vec::new() })
+        Ok(Self { file: scratch.create(name)?, width, written: 0, buffer: Vec::new(), summing: Summing::default() })
     }
 
     /// Rows pushed so far.
@@ -41,7 +42,7 @@ impl Column {
         self.push(std::iter::repeat_n(row, missing))
     }
 
-    /// Append zeros until there are `rows`, without taking disk space for them.
+    /// Append zeros until there are `rows`, without taking disk space for them. They are not part of the checksum.
     #[cfg(test)]
     pub(super) fn skip_to(&mut self, rows: u64) -> Result<(), ScratchError> {
         self.flush()?;
@@ -55,6 +56,7 @@ impl Column {
         if !self.buffer.is_empty() {
             self.written = self.rows();
             self.file.append(&self.buffer)?;
+            self.summing.update(&self.buffer);
             self.buffer.clear();
         }
         Ok(())
@@ -78,8 +80,9 @@ impl Column {
         Err(ScratchError::damaged(self.file.path(), why))
     }
 
-    /// Write what was gathered.
-    pub(super) fn finish(mut self) -> Result<(), ScratchError> {
-        self.flush()
+    /// Write what was gathered; the length and checksum of the file.
+    pub(super) fn finish(mut self) -> Result<Sum, ScratchError> {
+        self.flush()?;
+        Ok(self.summing.finish())
     }
 }

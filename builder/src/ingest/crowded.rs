@@ -11,11 +11,11 @@ use super::leaves::tree_of;
 use super::resolve::PIECE;
 use super::split_requests::{self, Above, Places, add_place, sum_of};
 use super::topology::Region;
-use super::words::read_words;
+use super::words::read_words_with_sum;
 use crate::build::options::BuildError;
 use crate::levels::too_large;
 use crate::partition::Partition;
-use crate::scratch::ScratchFile;
+use crate::scratch::{ScratchError, ScratchFile};
 use kilwa_geometry::{DiamondKey, Lattice};
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 use rustc_hash::FxHashMap;
@@ -83,6 +83,9 @@ impl Region<'_> {
     }
 
     /// Visit the corners of the triangles of a bucket, until `visit` returns `false`.
+    ///
+    /// # Errors
+    /// [`ScratchError::Damaged`] if all triangles were visited and their checksum does not match; errors of `visit`.
     fn visit(
         &self,
         own: &ScratchFile,
@@ -90,13 +93,13 @@ impl Region<'_> {
         mut visit: impl FnMut([[u32; 3]; 3]) -> Result<bool, BuildError>,
     ) -> Result<(), BuildError> {
         let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
-        let mut words = Vec::new();
+        let (mut words, mut sum) = (Vec::new(), crc32fast::Hasher::new());
         for &(byte, count) in self.scattered.own.extents(bucket) {
             // Extents contain whole triangles.
             for first in (0..count as usize).step_by(PIECE * triangle) {
                 self.work.stop.check()?;
                 words.resize((count as usize - first).min(PIECE * triangle), 0);
-                read_words(own, byte + 4 * first as u64, &mut words)?;
+                read_words_with_sum(own, byte + 4 * first as u64, &mut words, &mut sum)?;
                 for corners in words.chunks_exact(triangle) {
                     let corner = |k: usize| [corners[k * width], corners[k * width + 1], corners[k * width + 2]];
                     if !visit([corner(0), corner(1), corner(2)])? {
@@ -105,7 +108,10 @@ impl Region<'_> {
                 }
             }
         }
-        Ok(())
+        if sum.finalize() == self.scattered.own.crc32(bucket) {
+            return Ok(());
+        }
+        Err(ScratchError::damaged(own.path(), format!("the checksum of list {bucket} does not match")).into())
     }
 }
 

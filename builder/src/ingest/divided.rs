@@ -12,6 +12,7 @@
 
 use super::buckets::Buckets;
 use super::components::Joining;
+use super::corners::Slots;
 use super::crowded::refuse_leaves;
 use super::leaves::{self, Welds};
 use super::resolve::Resolved;
@@ -84,7 +85,7 @@ pub(crate) fn sort(
         Sorted::find(&mut stages, Some(spooled), options, Some(region))?;
     let files = |r: usize| RegionFiles { own: scattered.own.of_file(r), halo: scattered.halo.of_file(r) };
     let regions = (0..scattered.regions.len()).map(files).collect();
-    resolved.samples = Vec::new();
+    (resolved.samples, resolved.slots) = (Vec::new(), Slots::default());
     (scattered.own, scattered.halo) = (Lists::default(), Lists::default());
     let Precision { color_bits, normal_bits } = options.precision;
     let leaf_triangles = options.leaf_triangles;
@@ -164,15 +165,8 @@ pub(crate) fn weld(
     };
     let topology::Welding { places, replies, mut findings } = welding.weld()?;
     findings.numbers = joining.hand_over()?;
-    let (file, mut index) = (replies.open(work.scratch)?, BTreeMap::new());
-    for bucket in replies.range().filter(|bucket| !replies.extents(*bucket as usize).is_empty()) {
-        let mut sum = crc32fast::Hasher::new();
-        let pieces = replies.extents(bucket as usize).to_vec();
-        for (at, words) in &pieces {
-            sum.update(&file.read(*at, 4 * u64::from(*words))?);
-        }
-        index.insert(bucket, (pieces, sum.finalize()));
-    }
+    let to = replies.range().filter(|bucket| !replies.extents(*bucket as usize).is_empty());
+    let index = to.map(|b| (b, (replies.extents(b as usize).to_vec(), replies.crc32(b as usize)))).collect();
     Ok((findings, RegionIndex { first: region.own.range().start, places, replies: index }))
 }
 

@@ -23,6 +23,7 @@ mod buckets;
 mod collapse;
 mod column;
 mod components;
+mod corners;
 mod crowded;
 pub(crate) mod divided;
 mod islands;
@@ -101,7 +102,6 @@ pub fn ingest(
     let known = Known::find(&mut stages, spooled, options)?;
     let key = |(level, midpoint): &(u8, LatticePoint)| DiamondKey { level: *level, midpoint: *midpoint };
     let mut tree = leaves::tree_of(known.sorted.resolved.cube_log2, known.topology.split_requests.iter().map(key));
-    // The files that this stage writes carry their own checksums.
     let leaves = stages.run("leaves", &[topology::WELDED, topology::REPLIES], &[""; 0], || {
         let Known { sorted: Sorted { resolved, scattered, .. }, topology } = &known;
         let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
@@ -160,11 +160,14 @@ impl Sorted {
         if spooled.is_some() {
             work.scratch.create(SESSION)?.append(session().as_bytes())?;
         }
-        let files: Vec<String> = spooled.iter().flat_map(Spooled::files).map(str::to_owned).collect();
-        let spooled = stages.run("spool", &[""; 0], &files, || match spooled {
+        let is_resumed = spooled.is_none();
+        let spooled = stages.run("spool", &[""; 0], &[""; 0], || match spooled {
             Some(spooled) => Ok(spooled),
             None => Err(ScratchError::damaged(&work.scratch.path("spool.json"), "it is not there").into()),
         })?;
+        if is_resumed {
+            stages.unchecked.extend(spooled.sums.clone());
+        }
         if spooled.channels.len() > usize::from(MAX_SCALARS) {
             let names = spooled.channels.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
             let n = spooled.channels.len();
@@ -173,10 +176,10 @@ impl Sorted {
         }
         let inputs = spooled.files();
         let resolved =
-            stages.run("resolve", &inputs, &[resolve::CORNERS], || resolve::resolve(work, &spooled, options))?;
+            stages.run("resolve", &inputs, &[corners::CORNERS], || resolve::resolve(work, &spooled, options))?;
         let (layout, files) = (resolved.layout, [scatter::BUCKETS, scatter::HALO]);
         let mut scattered = stages
-            .run("scatter", &[resolve::CORNERS], &files, || scatter::scatter(work, &resolved, options, region))?;
+            .run("scatter", &[corners::CORNERS], &files, || scatter::scatter(work, &resolved, options, region))?;
         if let Some(below) = options.drop_islands_below {
             scattered = stages.run("islands", &files, &[islands::KEPT_BUCKETS, islands::KEPT_HALO], || {
                 islands::drop_islands(work, layout, &scattered, below)
@@ -290,11 +293,12 @@ const SESSION: &str = "session";
 /// Stages that were done are not done again.
 struct Stages<'a> {
     work: &'a Work<'a>,
-    /// Files written by stages of an earlier process. They are checked before they are used.
+    /// Files written by stages of an earlier process. They are checked before they are used, unless their parts have
+    /// checksums of their own, which are checked as they are read: of such a file only the length is known here.
     unchecked: BTreeMap<String, Sum>,
 }
 
-/// The result of a finished stage: its state, and the checksums of its files.
+/// The result of a finished stage: its state, and the lengths of its files.
 #[derive(Serialize, Deserialize)]
 struct Done<T> {
     state: T,
@@ -302,8 +306,8 @@ struct Done<T> {
 }
 
 impl Stages<'_> {
-    /// The state of stage `name`: read from its JSON, or computed by running it, which writes the files `outputs`. Its input files
-    /// are removed afterwards.
+    /// The state of stage `name`: read from its JSON, or computed by running it, which writes the files `outputs`, whose
+    /// parts have checksums. Its input files are removed afterwards.
     fn run<T: Serialize + DeserializeOwned>(
         &mut self,
         name: &str,
@@ -324,12 +328,8 @@ impl Stages<'_> {
                 }
             }
             let state = stage()?;
-            let mut files = BTreeMap::new();
-            for output in outputs {
-                if let Some(sum) = Sum::of(scratch, output.as_ref(), self.work.stop)? {
-                    files.insert(output.as_ref().to_owned(), sum);
-                }
-            }
+            let length = |name: &str| Some((name.to_owned(), Sum::length(scratch, name)?));
+            let files = outputs.iter().filter_map(|output| length(output.as_ref())).collect();
             let done = Done { state, files };
             write_line(scratch, &file, &done)?;
             done.state
@@ -363,14 +363,15 @@ pub fn is_file_of_ingest(name: &str) -> bool {
     is_state || name.starts_with("scalar-") || FILES.contains(&name)
 }
 
-const FILES: [&str; 17] = [
+const FILES: [&str; 18] = [
     SESSION,
     spool::POSITIONS,
     spool::COLORS,
     spool::NORMALS,
     spool::TRIANGLES,
+    spool::TRIANGLES_HIGH,
     spool::TRIANGLE_COLORS,
-    resolve::CORNERS,
+    corners::CORNERS,
     scatter::BUCKETS,
     scatter::HALO,
     islands::MARKS,

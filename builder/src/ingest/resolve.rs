@@ -2,20 +2,23 @@
 //! memory also where numbers jump at random.
 //!
 //! Input: the files of the spool. Output: `corners`, for each triangle that is kept three vertices in words
-//! ([`super::words`]) on the provisional lattice; the lattice; a sample of the triangles. As many vertices as fit the
-//! budget are in memory at a time, and the triangles stream past once for each such range; with the last range a
-//! triangle is complete: it is dropped (a corner that is not finite, `--crop`, `--min-confidence`), or measured and kept.
-//! Everything learned is counted in integers, so the order of triangles does not matter.
+//! ([`super::words`]) on the provisional lattice, in slots ([`super::corners`]); the lattice; a sample of the triangles.
+//! As many vertices as the budget allows are in memory at a time. For each such range of vertices, one pass goes through
+//! the slots whose triangles may use some of them. A slot is complete once all its vertices have been in memory; its
+//! triangles are then dropped (a corner that is not finite, `--crop`, `--min-confidence`), or measured and kept. In most
+//! meshes, neighbouring triangles use neighbouring vertices, so that nearly every slot is written in one pass only.
+//! Everything is counted in integers, so the order of triangles does not matter.
 //!
 //! Fails as [`super::lattice::choose`] does, and where the scratch disk fails.
 
 use super::IngestOptions;
 use super::collapse::spare_triangles;
+use super::corners::{CORNERS, Slots};
 use super::lattice::{Box3, Lengths, Measured, Provisional, Rounding, choose};
 use super::spool::{
     COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_COLORS, TRIANGLES, TRIANGLES_HIGH, position_of_row,
 };
-use super::tally::Tally;
+use super::tally::{PLACES_KEPT, Tally};
 use super::words::{INVALID, Layout, read_words, word_of_color, word_of_normal, write_words};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
@@ -29,8 +32,6 @@ use kilwa_simplify::Precision;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
-
-pub(super) const CORNERS: &str = "corners";
 
 /// Triangles in the hands of a thread: a multiple of 64.
 pub(super) const PIECE: usize = 1 << 14;
@@ -50,8 +51,9 @@ pub(super) struct Resolved {
     pub(super) cube_log2: u32,
     provisional_log2: i32,
     provisional_origin: DVec3,
-    /// Triangles in the file.
+    /// Triangles that are kept, and where they are in [`CORNERS`].
     pub(super) triangles: u64,
+    pub(super) slots: Slots,
     /// Vertices that they use.
     pub(super) used: u64,
     /// 1st percentile and median of the lengths of edges, metres.
@@ -101,7 +103,7 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
         let provisional = Provisional::of(&bounds, options.step);
         let mut out = run.passes(&provisional, decided.as_ref().map(|(keep, _)| keep.as_slice()))?;
         if out.triangles == 0 {
-            return Err(nothing_left(spooled.triangles, &out.tally));
+            return Err(nothing_left(spooled.triangles, &out.dropped.tally()));
         }
         let used_bounds = run.used_bounds()?;
         let step = provisional.step();
@@ -111,17 +113,17 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
         let finer = Provisional::of(&used_bounds, options.step).step_log2 < provisional.step_log2;
         if decided.is_none() && coarse && finer {
             bounds = used_bounds;
-            decided = Some((out.keep, out.tally));
+            decided = Some((out.keep, out.dropped.tally()));
             continue;
         }
-        let mut tally = decided.map_or(out.tally, |(_, tally)| tally);
+        let mut tally = decided.map_or_else(|| out.dropped.tally(), |(_, tally)| tally);
         let mut measured = Measured { bounds: used_bounds, first, median: out.lengths.percentile(0.5) * step };
         if out.lengths.none > out.lengths.total {
             measured.median = run.sampled_median(&out.keep)?;
         }
         let mut chosen = choose(&measured, options.step)?;
         if options.step.is_none() {
-            let corners = (&provisional, out.triangles);
+            let corners = (&provisional, out.triangles, &out.slots);
             chosen = spare_triangles(work, run.layout, corners, &out.lengths, &measured, chosen)?;
         }
         let (lattice, cube_log2) = chosen;
@@ -141,6 +143,7 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
             provisional_log2: provisional.step_log2,
             provisional_origin: provisional.origin,
             triangles: out.triangles,
+            slots: out.slots,
             used,
             first,
             median: measured.median,
@@ -162,27 +165,72 @@ fn nothing_left(triangles: u64, tally: &Tally) -> BuildError {
     }
 }
 
-/// What the last pass over the triangles gives.
+/// What the passes over the triangles give.
 #[derive(Default)]
 struct Measures {
     triangles: u64,
+    slots: Slots,
+    /// Number of slots that are complete.
+    complete: usize,
     lengths: Lengths,
     facing: Facing,
     /// Sums of cells.
     samples: Vec<I64Vec3>,
     /// One bit for every triangle that is kept.
     keep: Vec<u64>,
-    tally: Tally,
+    dropped: Dropped,
 }
 
 impl Measures {
-    fn take(&mut self, piece: &Piece) {
+    /// Add a piece whose first triangle has number `first`.
+    fn take(&mut self, piece: &Piece, first: u64) {
         self.triangles += piece.kept as u64;
         self.lengths.merge(&piece.lengths);
         self.facing.add(&piece.facing);
         self.samples.extend(&piece.samples);
-        self.keep.extend(&piece.keep);
-        self.tally.merge(&piece.tally);
+        let word = (first / 64) as usize;
+        self.keep[word..word + piece.keep.len()].copy_from_slice(&piece.keep);
+        self.dropped.add(&piece.dropped);
+    }
+}
+
+/// Triangles that are not kept.
+#[derive(Default)]
+struct Dropped {
+    not_finite: u64,
+    /// The lowest numbers of triangles that are not finite, ascending.
+    first_not_finite: Vec<u64>,
+    low_confidence: u64,
+    cropped: u64,
+}
+
+impl Dropped {
+    fn not_finite(&mut self, number: u64) {
+        self.not_finite += 1;
+        if self.first_not_finite.len() < PLACES_KEPT {
+            self.first_not_finite.push(number);
+        }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.not_finite += other.not_finite;
+        self.low_confidence += other.low_confidence;
+        self.cropped += other.cropped;
+        // Slots are not completed in ascending order.
+        self.first_not_finite.extend(&other.first_not_finite);
+        self.first_not_finite.sort_unstable();
+        self.first_not_finite.truncate(PLACES_KEPT);
+    }
+
+    fn tally(&self) -> Tally {
+        let mut tally = Tally::default();
+        for number in &self.first_not_finite {
+            tally.add(NOT_FINITE, || format!("triangle {number}"));
+        }
+        tally.add_many(NOT_FINITE, self.not_finite - self.first_not_finite.len() as u64);
+        tally.add_many(LOW_CONFIDENCE, self.low_confidence);
+        tally.add_many(CROPPED, self.cropped);
+        tally
     }
 }
 
@@ -203,10 +251,15 @@ struct Run<'a> {
     used: Vec<AtomicU64>,
 }
 
-/// A block of triangles.
+/// The triangles of a slot.
 #[derive(Default)]
 struct Block {
+    slot: usize,
+    /// The lowest and highest number of a vertex that they use.
+    used: [u64; 2],
+    /// Their corners, as far as they are known; empty if this pass found none.
     words: Vec<u32>,
+    /// Empty until all corners are known.
     pieces: Vec<Piece>,
 }
 
@@ -219,7 +272,7 @@ struct Piece {
     lengths: Lengths,
     facing: Facing,
     samples: Vec<I64Vec3>,
-    tally: Tally,
+    dropped: Dropped,
 }
 
 /// Sums of the normals and areas of triangles: whole numbers, so that their order does not matter.
@@ -261,6 +314,18 @@ impl Facing {
 struct Range {
     first: u64,
     words: Vec<u32>,
+}
+
+/// A pass over the triangles.
+struct Pass<'a> {
+    provisional: &'a Provisional,
+    /// One bit for every triangle that is kept, if that is known.
+    keep: Option<&'a [u64]>,
+    loaded: Range,
+    corners: &'a ScratchFile,
+    /// For the display of progress: triangles of the passes before, and of all passes.
+    done: u64,
+    total: u64,
 }
 
 impl<'a> Run<'a> {
@@ -308,58 +373,109 @@ impl<'a> Run<'a> {
         // Vertices before the first that a triangle names, and after the last, are not needed.
         let [start, last] = self.spooled.vertex_range.unwrap_or_default();
         let (end, range) = (last + 1, self.range());
-        let size = block(self.work, self.layout);
+        let slots = Slots::new(self.spooled.triangles, block(self.work, self.layout));
+        // The lowest and highest number of a vertex that the triangles of each slot use; the first pass finds them.
+        let mut used = vec![[start, last]; slots.len()];
+        let keep_words = self.spooled.triangles.div_ceil(64) as usize;
+        let mut measures = Measures { slots, keep: vec![0; keep_words], ..Measures::default() };
         let total = self.spooled.triangles * (end - start).div_ceil(range);
-        let mut measures = Measures::default();
-        let mut done = 0;
-        for first in (start..end).step_by(range as usize) {
+        for (pass, first) in (0..).zip((start..end).step_by(range as usize)) {
             let count = range.min(end - first);
             let loaded = Range { first, words: self.load(provisional, first, count as usize)? };
-            let is_last = first + count == end;
-            let look = |block: u64, mut words: Vec<u32>| -> Result<Block, ScratchError> {
-                let n = self.spooled.triangles.saturating_sub(block).min(size as u64) as usize;
-                if n == 0 {
-                    return Ok(Block::default());
-                }
-                let rows = self.numbers(block, n)?;
-                words.resize(n * self.layout.triangle(), 0);
-                if first > start {
-                    read_words(&corners, block * 4 * self.layout.triangle() as u64, &mut words)?;
-                }
-                self.fill(&loaded, &rows, &mut words);
-                let pieces =
-                    if is_last { self.complete(provisional, block, &rows, &mut words, keep)? } else { Vec::new() };
-                Ok(Block { words, pieces })
-            };
-            let mut written = 0;
-            let mut write = |mut block: Block| -> Result<Vec<u32>, ScratchError> {
-                if !is_last {
-                    write_words(&corners, written, &mut block.words)?;
-                    written += 4 * block.words.len() as u64;
-                }
-                for (piece, words) in block.pieces.iter().zip(block.words.chunks_mut(PIECE * self.layout.triangle())) {
-                    let kept = &mut words[..piece.kept * self.layout.triangle()];
-                    // Never beyond what has been read.
-                    write_words(&corners, written, kept)?;
-                    written += 4 * kept.len() as u64;
-                    measures.take(piece);
-                }
-                Ok(block.words)
-            };
-            // One block is written while the next is looked at, in the memory of the one before.
-            let (mut ready, mut spare) = (look(0, Vec::new())?, Vec::new());
-            for block in (0..self.spooled.triangles).step_by(size) {
-                let (written, next) = rayon::join(|| write(ready), || look(block + size as u64, spare));
-                (ready, spare) = (next?, written?);
-                done += (self.spooled.triangles - block).min(size as u64);
-                self.work.progress.update("finding corners", done, total);
-                self.work.stop.check()?;
-            }
-            if is_last {
-                corners.truncate(written)?;
-            }
+            let pass =
+                Pass { provisional, keep, loaded, corners: &corners, done: pass * self.spooled.triangles, total };
+            self.pass(&pass, &mut used, &mut measures)?;
+        }
+        if measures.complete < used.len() {
+            return Err(ScratchError::damaged(self.triangles.path(), "it names vertices that do not exist").into());
         }
         Ok(measures)
+    }
+
+    /// Do one pass. `used` are the lowest and highest number of a vertex that the triangles of each slot use.
+    fn pass(&self, pass: &Pass<'_>, used: &mut [[u64; 2]], measures: &mut Measures) -> Result<(), BuildError> {
+        let (layout, loaded) = (self.layout, self.vertices_of(&pass.loaded));
+        let may_use = |[lowest, highest]: [u64; 2]| lowest < loaded.end && highest >= loaded.start;
+        let todo: Vec<(usize, u64)> = (0..used.len())
+            .filter(|slot| may_use(used[*slot]))
+            .map(|slot| (slot, measures.slots.first(slot)))
+            .collect();
+        let capacity = measures.slots.capacity();
+        let triangles = |first: u64| (self.spooled.triangles - first).min(capacity);
+        let mut done =
+            pass.done + self.spooled.triangles - todo.iter().map(|(_, first)| triangles(*first)).sum::<u64>();
+        let look = |i: usize, words: Vec<u32>| -> Result<Block, ScratchError> {
+            let Some(&(slot, first)) = todo.get(i) else { return Ok(Block::default()) };
+            self.look(pass, &loaded, (slot, first, triangles(first) as usize), words)
+        };
+        let mut write = |mut block: Block| -> Result<Vec<u32>, ScratchError> {
+            used[block.slot] = block.used;
+            if block.pieces.is_empty() {
+                if !block.words.is_empty() {
+                    write_words(pass.corners, measures.slots.byte(block.slot, layout), &mut block.words)?;
+                }
+                return Ok(block.words);
+            }
+            measures.complete += 1;
+            let (mut kept, first) = (0, measures.slots.first(block.slot));
+            for (i, piece) in block.pieces.iter().enumerate() {
+                let (from, words) = (i * PIECE * layout.triangle(), piece.kept * layout.triangle());
+                if kept < from {
+                    block.words.copy_within(from..from + words, kept);
+                }
+                kept += words;
+                measures.take(piece, first + (i * PIECE) as u64);
+            }
+            measures.slots.fill(pass.corners, layout, block.slot, &mut block.words[..kept])?;
+            Ok(block.words)
+        };
+        // One block is written while the next is looked at, in the memory of the one before.
+        let (mut ready, mut spare) = (look(0, Vec::new())?, Vec::new());
+        for (i, (_, first)) in todo.iter().enumerate() {
+            let (written, next) = rayon::join(|| write(ready), || look(i + 1, spare));
+            (ready, spare) = (next?, written?);
+            done += triangles(*first);
+            self.work.progress.update("finding corners", done, pass.total);
+            self.work.stop.check()?;
+        }
+        Ok(())
+    }
+
+    /// The numbers of the vertices in memory.
+    fn vertices_of(&self, loaded: &Range) -> std::ops::Range<u64> {
+        loaded.first..loaded.first + (loaded.words.len() / self.layout.vertex()) as u64
+    }
+
+    /// Fill in those corners of the `n` triangles of a slot, starting with number `first`, whose vertices are in memory. If
+    /// all corners are known then, measure the triangles.
+    fn look(
+        &self,
+        pass: &Pass<'_>,
+        loaded: &std::ops::Range<u64>,
+        (slot, first, n): (usize, u64, usize),
+        mut words: Vec<u32>,
+    ) -> Result<Block, ScratchError> {
+        let rows = self.numbers(first, n)?;
+        let join = |a: [u64; 2], b: [u64; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let of = |[a, b, c]: &[u64; 3]| [*a.min(b).min(c), *a.max(b).max(c)];
+        let used = rows.par_iter().map(of).reduce(|| [u64::MAX, 0], join);
+        if !rows.par_iter().any(|row| row.iter().any(|v| loaded.contains(v))) {
+            words.clear();
+            return Ok(Block { slot, used, words, pieces: Vec::new() });
+        }
+        words.resize(n * self.layout.triangle(), 0);
+        if used[0] < loaded.start {
+            // An earlier pass filled in some of them.
+            read_words(pass.corners, first * 4 * self.layout.triangle() as u64, &mut words)?;
+        }
+        self.fill(&pass.loaded, &rows, &mut words);
+        let is_complete = used[1] < loaded.end;
+        let pieces = if is_complete {
+            self.complete(pass.provisional, first, &rows, &mut words, pass.keep)?
+        } else {
+            Vec::new()
+        };
+        Ok(Block { slot, used, words, pieces })
     }
 
     /// The vertices that `n` triangles from number `first` on name.
@@ -478,7 +594,7 @@ impl<'a> Run<'a> {
             let bit = 1u64 << (i % 64);
             let wanted = match keep {
                 Some(keep) => keep[i / 64] & bit != 0,
-                None => self.wanted(provisional, number + i as u64, &words[at..at + triangle], &mut out.tally),
+                None => self.wanted(provisional, number + i as u64, &words[at..at + triangle], &mut out.dropped),
             };
             if !wanted {
                 continue;
@@ -516,23 +632,23 @@ impl<'a> Run<'a> {
     }
 
     /// Whether a triangle is kept.
-    fn wanted(&self, provisional: &Provisional, number: u64, corners: &[u32], tally: &mut Tally) -> bool {
+    fn wanted(&self, provisional: &Provisional, number: u64, corners: &[u32], dropped: &mut Dropped) -> bool {
         let mut vertices = corners.chunks_exact(self.layout.vertex());
         if vertices.clone().any(|c| c[0] == INVALID) {
-            tally.add(NOT_FINITE, || format!("triangle {number}"));
+            dropped.not_finite(number);
             return false;
         }
         if let (Some(at), Some(lowest)) = (self.confidence, self.options.min_confidence)
             && vertices.clone().any(|c| f32::from_bits(c[at]) < lowest)
         {
-            tally.add_many(LOW_CONFIDENCE, 1);
+            dropped.low_confidence += 1;
             return false;
         }
         if let Some([min, max]) = self.options.crop {
             let sum: DVec3 = vertices.by_ref().map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into())).sum();
             let centroid = provisional.metres(sum / 3.0 + 0.5);
             if centroid.cmplt(min).any() || centroid.cmpgt(max).any() {
-                tally.add_many(CROPPED, 1);
+                dropped.cropped += 1;
                 return false;
             }
         }
@@ -604,20 +720,9 @@ fn grey_of_row(row: [u8; 4], [black, white]: [f32; 2], none: u32, precision: Pre
     word_of_color(precision.color([libm::round(share.clamp(0.0, 1.0) * 255.0) as u8; 3]))
 }
 
-/// Triangles read at a time: two pieces for each thread, as memory allows. Fewer would leave threads idle; more would not stay in the processor's caches.
-pub(super) fn block(work: &Work<'_>, layout: Layout) -> usize {
+/// Number of triangles in a slot, which this and later stages read at once: two pieces for each thread, if memory allows. Fewer
+/// would leave threads idle; more would not stay in the processor's caches.
+fn block(work: &Work<'_>, layout: Layout) -> usize {
     let fit = work.memory / 64 / (4 * layout.triangle() as u64) / PIECE as u64;
     PIECE * fit.clamp(1, 2 * work.threads.max(1) as u64) as usize
-}
-
-/// The corners of triangles, block by block: words of `n` triangles from number `first` on.
-pub(super) fn read_corners(
-    file: &ScratchFile,
-    layout: Layout,
-    first: u64,
-    n: usize,
-    into: &mut Vec<u32>,
-) -> Result<(), ScratchError> {
-    into.resize(n * layout.triangle(), 0);
-    read_words(file, first * 4 * layout.triangle() as u64, into)
 }

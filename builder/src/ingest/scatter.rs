@@ -8,8 +8,9 @@
 
 use super::IngestOptions;
 use super::buckets::{Buckets, point_of_words};
+use super::corners::Corners;
 use super::lattice::Rounding;
-use super::resolve::{CORNERS, PIECE, Resolved, block, read_corners};
+use super::resolve::{PIECE, Resolved};
 use super::spill::{Lists, Spill};
 use super::tally::Tally;
 use super::words::Layout;
@@ -107,16 +108,14 @@ pub(super) fn scatter(
     let firsts = region.map_or_else(|| vec![0], |size| regions(&buckets, resolved, size));
     // Islands are dropped from the whole model, before it is divided into regions.
     let in_files: &[u32] = if options.drop_islands_below.is_some() { &[0] } else { &firsts };
-    let corners = work.scratch.existing(CORNERS)?;
+    let corners = Corners::open(work.scratch, layout, &resolved.slots)?;
     let mut own = Spill::create(work.scratch, BUCKETS, buckets.len(), in_files, work.memory / 4)?;
     let mut halo = Spill::create(work.scratch, HALO, buckets.len(), in_files, work.memory / 16)?;
     let mut counts = vec![0u32; buckets.len()];
     let mut tally = Tally::default();
     let (triangle, mut kept) = (layout.triangle(), 0);
-    let size = block(work, layout);
-    let look = |block: u64, mut words: Vec<u32>| -> Result<(Vec<u32>, Vec<Piece>), ScratchError> {
-        let n = resolved.triangles.saturating_sub(block).min(size as u64) as usize;
-        read_corners(&corners, layout, block, n, &mut words)?;
+    let look = |slot: usize, mut words: Vec<u32>| -> Result<(Vec<u32>, Vec<Piece>), ScratchError> {
+        corners.read(slot, &mut words)?;
         let pieces =
             words.par_chunks_mut(PIECE * triangle).map(|w| piece(w, layout, &rounding, &buckets, resolved)).collect();
         Ok((words, pieces))
@@ -148,12 +147,12 @@ pub(super) fn scatter(
         }
         Ok(words)
     };
-    // One block is written while the next is looked at, in the memory of the one before.
+    // While the triangles of one slot are added to the lists, the next slot is read, into the memory of the previous one.
     let (mut ready, mut spare) = (look(0, Vec::new())?, Vec::new());
-    for block in (0..resolved.triangles).step_by(size) {
-        let (written, next) = rayon::join(|| keep(ready), || look(block + size as u64, spare));
-        (ready, spare) = (next?, written?);
-        work.progress.update("sorting into regions", (block + size as u64).min(resolved.triangles), resolved.triangles);
+    for next in 1..=corners.len() {
+        let (written, looked_at) = rayon::join(|| keep(ready), || look(next, spare));
+        (ready, spare) = (looked_at?, written?);
+        work.progress.update("sorting into regions", next as u64, corners.len() as u64);
         work.stop.check()?;
     }
     if kept == 0 {

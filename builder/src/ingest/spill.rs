@@ -1,6 +1,6 @@
 //! Many lists of words in a few files: each list has its own buffer, and its extents are recorded.
 
-use super::words::{append_words, read_words};
+use super::words::{append_words, read_words_with_sum};
 use crate::scratch::{Scratch, ScratchError, ScratchFile};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -19,6 +19,8 @@ pub(super) struct Lists {
     pub(super) files: Vec<ListFile>,
     /// Extents of each list in its file: first byte and number of words of each.
     extents: Vec<Vec<(u64, u32)>>,
+    /// CRC-32 of each list.
+    sums: Vec<u32>,
 }
 
 /// A file of consecutive lists.
@@ -27,7 +29,7 @@ pub(super) struct ListFile {
     pub(super) name: String,
     /// Number of the first list in it.
     pub(super) first: u32,
-    /// CRC-32 of the file.
+    /// CRC-32 of the file, which another machine checks as a whole.
     pub(super) crc32: u32,
 }
 
@@ -35,6 +37,11 @@ impl Lists {
     /// The extents of a list in its file; empty if there is no such list.
     pub(super) fn extents(&self, list: usize) -> &[(u64, u32)] {
         list.checked_sub(self.first as usize).and_then(|i| self.extents.get(i)).map_or(&[], Vec::as_slice)
+    }
+
+    /// CRC-32 of the bytes of a list; 0, that of no bytes, if there is no such list.
+    pub(super) fn crc32(&self, list: usize) -> u32 {
+        list.checked_sub(self.first as usize).and_then(|i| self.sums.get(i)).copied().unwrap_or(0)
     }
 
     /// Words of a list.
@@ -51,8 +58,13 @@ impl Lists {
     pub(super) fn of_file(&self, file: usize) -> Self {
         let Some(one) = self.files.get(file) else { return Self::default() };
         let end = self.files.get(file + 1).map_or(self.range().end, |next| next.first);
-        let extents = (one.first..end).map(|list| self.extents(list as usize).to_vec()).collect();
-        Self { first: one.first, files: vec![one.clone()], extents }
+        let lists = || (one.first..end).map(|list| list as usize);
+        Self {
+            first: one.first,
+            files: vec![one.clone()],
+            extents: lists().map(|list| self.extents(list).to_vec()).collect(),
+            sums: lists().map(|list| self.crc32(list)).collect(),
+        }
     }
 
     /// Open the first file, which must be the only one.
@@ -63,14 +75,20 @@ impl Lists {
     }
 
     /// Read a list; it is appended to `into`.
+    ///
+    /// # Errors
+    /// [`ScratchError::Damaged`] if it is not what was written, [`ScratchError::Io`].
     pub(super) fn read(&self, file: &ScratchFile, list: usize, into: &mut Vec<u32>) -> Result<(), ScratchError> {
-        let mut at = into.len();
+        let (mut at, mut sum) = (into.len(), crc32fast::Hasher::new());
         into.resize(at + self.words(list), 0);
         for &(byte, n) in self.extents(list) {
-            read_words(file, byte, &mut into[at..at + n as usize])?;
+            read_words_with_sum(file, byte, &mut into[at..at + n as usize], &mut sum)?;
             at += n as usize;
         }
-        Ok(())
+        if sum.finalize() == self.crc32(list) {
+            return Ok(());
+        }
+        Err(ScratchError::damaged(file.path(), format!("the checksum of list {list} does not match")))
     }
 }
 
@@ -79,7 +97,9 @@ impl Lists {
 pub(super) struct Spill {
     scratch: Scratch,
     files: Vec<ListFile>,
-    sums: Vec<crc32fast::Hasher>,
+    /// By file, and by list.
+    file_sums: Vec<crc32fast::Hasher>,
+    list_sums: Vec<crc32fast::Hasher>,
     open: Vec<Option<ScratchFile>>,
     open_now: usize,
     buffers: Vec<Vec<u32>>,
@@ -106,7 +126,8 @@ impl Spill {
         }
         Ok(Self {
             scratch: scratch.clone(),
-            sums: vec![crc32fast::Hasher::new(); files.len()],
+            file_sums: vec![crc32fast::Hasher::new(); files.len()],
+            list_sums: vec![crc32fast::Hasher::new(); lists],
             open: files.iter().map(|_| None).collect(),
             open_now: 0,
             files,
@@ -130,10 +151,11 @@ impl Spill {
                 self.flush(list)?;
             }
         }
-        for (file, sum) in self.files.iter_mut().zip(self.sums) {
+        for (file, sum) in self.files.iter_mut().zip(self.file_sums) {
             file.crc32 = sum.finalize();
         }
-        Ok(Lists { first: 0, files: self.files, extents: self.extents })
+        let sums = self.list_sums.into_iter().map(crc32fast::Hasher::finalize).collect();
+        Ok(Lists { first: 0, files: self.files, extents: self.extents, sums })
     }
 
     fn flush(&mut self, list: usize) -> Result<(), ScratchError> {
@@ -152,7 +174,8 @@ impl Spill {
         let (buffer, extents) = (&mut self.buffers[list], &mut self.extents[list]);
         let n = buffer.len() as u32;
         let at = append_words(file, buffer)?;
-        self.sums[number].update(bytemuck::cast_slice(buffer));
+        self.file_sums[number].update(bytemuck::cast_slice(buffer));
+        self.list_sums[list].update(bytemuck::cast_slice(buffer));
         buffer.clear();
         match extents.last_mut() {
             Some((before, words)) if *before + 4 * u64::from(*words) == at => match words.checked_add(n) {

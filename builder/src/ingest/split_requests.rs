@@ -36,7 +36,8 @@ pub(super) fn add_place(places: &mut Places, corners: [[u32; 3]; 3]) {
 
 /// Three times the centroid of a triangle.
 pub(super) fn sum_of([a, b, c]: [[u32; 3]; 3]) -> [u32; 3] {
-    std::array::from_fn(|i| a[i] + b[i] + c[i])
+    // Coordinates have 30 bits, unless the scratch file is damaged, which is only known when all of it has been read.
+    std::array::from_fn(|i| a[i].wrapping_add(b[i]).wrapping_add(c[i]))
 }
 
 /// The longest side of the bounding box of a triangle.

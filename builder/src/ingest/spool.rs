@@ -13,13 +13,14 @@
 use super::column::Column;
 use super::surface::ColoredBy;
 use super::tally::Tally;
-use crate::scratch::{Scratch, ScratchError};
+use crate::scratch::{Scratch, ScratchError, Sum};
 use glam::{DVec3, Vec3};
 use kilwa_formats::ReadError;
 use kilwa_formats::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock, VertexSink};
 use kilwa_formats::{Diagnostics, Pictures, RawMesh};
 use kilwa_geometry::normal;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 pub(super) const POSITIONS: &str = "positions";
@@ -90,6 +91,8 @@ pub struct Spooled {
     pub(super) tally: Tally,
     /// Pictures that colours were taken from.
     pub(super) pictures: Pictures,
+    /// Checksums of the files.
+    pub(super) sums: BTreeMap<String, Sum>,
 }
 
 impl Spooled {
@@ -260,23 +263,26 @@ impl Spool {
     pub fn finish(mut self) -> Result<Spooled, ReadError> {
         self.end_input()?;
         let (vertices, triangles) = (self.positions.rows(), self.triangles.rows());
+        let mut sums = BTreeMap::new();
         let vertex_colors = self.colors.is_some();
         if let Some(mut colors) = self.colors.take() {
             colors.fill([0; 4], vertices)?;
-            colors.finish()?;
+            sums.insert(COLORS.to_owned(), colors.finish()?);
         }
         let triangle_colors = self.triangle_colors.is_some();
         if let Some(mut colors) = self.triangle_colors.take() {
             colors.fill([0; 4], triangles)?;
-            colors.finish()?;
+            sums.insert(TRIANGLE_COLORS.to_owned(), colors.finish()?);
         }
         if vertex_colors || triangle_colors {
             self.tally.add_many(GREY, self.uncoloured);
         }
         let normals = self.normals.is_some() && self.with_normal == vertices;
         if let Some(column) = self.normals.take() {
-            column.finish()?;
-            if !normals {
+            let sum = column.finish()?;
+            if normals {
+                sums.insert(NORMALS.to_owned(), sum);
+            } else {
                 self.scratch.remove(NORMALS)?;
                 self.tally.add_many(NO_NORMAL, self.with_normal);
             }
@@ -284,12 +290,13 @@ impl Spool {
         let has_high_bits = self.triangles_high.is_some();
         if let Some(mut high) = self.triangles_high.take() {
             high.fill([0; 3], triangles)?;
-            high.finish()?;
+            sums.insert(TRIANGLES_HIGH.to_owned(), high.finish()?);
         }
-        self.positions.finish()?;
-        self.triangles.finish()?;
+        sums.insert(POSITIONS.to_owned(), self.positions.finish()?);
+        sums.insert(TRIANGLES.to_owned(), self.triangles.finish()?);
         let mut tally = std::mem::take(&mut self.tally);
-        let channels = finish_channels(&self.scratch, std::mem::take(&mut self.scalars), &self.declared, &mut tally)?;
+        let scalars = std::mem::take(&mut self.scalars);
+        let channels = finish_channels(&self.scratch, scalars, &self.declared, &mut tally, &mut sums)?;
         let color = if vertex_colors || triangle_colors {
             ColorSource::Given
         } else {
@@ -309,6 +316,7 @@ impl Spool {
             channels,
             tally,
             pictures: self.pictures,
+            sums,
         })
     }
 
@@ -353,18 +361,20 @@ fn finish_channels(
     scalars: Vec<Scalar>,
     declared: &[Vec<String>],
     tally: &mut Tally,
+    sums: &mut BTreeMap<String, Sum>,
 ) -> Result<Vec<Channel>, ScratchError> {
     let mut channels = Vec::new();
     for (i, s) in scalars.into_iter().enumerate() {
         let file = channel_file(i);
         let rows = s.column.rows();
-        s.column.finish()?;
+        let sum = s.column.finish()?;
         let opaque = s.name.eq_ignore_ascii_case("alpha") && s.min == 1.0 && s.max == 1.0 && !s.not_finite;
         if opaque {
             scratch.remove(&file)?;
             tally.add_many(OPAQUE, rows);
             continue;
         }
+        sums.insert(file.clone(), sum);
         let (min, max) = if s.min <= s.max { (s.min, s.max) } else { (0.0, 0.0) };
         channels.push(Channel { name: s.name, file, min, max });
     }
@@ -597,7 +607,7 @@ mod tests {
     use crate::build::progress::Silent;
     use crate::build::work::{Stop, Work};
     use crate::ingest::surface::Ingested;
-    use crate::ingest::{IngestOptions, ingest};
+    use crate::ingest::{IngestOptions, ingest, is_file_of_ingest};
     use kilwa_simplify::Precision;
 
     /// The leaves of a mesh whose vertices come after `unused` others that no triangle names.
@@ -610,6 +620,10 @@ mod tests {
         let spooled = spool.finish().unwrap();
         assert_eq!(spooled.vertices, unused + mesh.positions.len() as u64);
         assert_eq!(spooled.has_high_bits, spooled.vertices > 1 << 32);
+        // The journal removes any other file once the inputs have been read.
+        assert!(spooled.files().into_iter().all(is_file_of_ingest));
+        let there: Vec<&str> = spooled.files().into_iter().filter(|f| scratch.length(f).is_some()).collect();
+        assert!(there.len() == spooled.sums.len() && there.iter().all(|f| spooled.sums.contains_key(*f)), "{there:?}");
         let options = IngestOptions {
             leaf_triangles: 100,
             step: None,

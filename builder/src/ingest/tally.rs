@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// How many places of each kind are kept.
-const PLACES_KEPT: usize = 5;
+pub(super) const PLACES_KEPT: usize = 5;
 
 /// Kinds of diagnostics with count and first places.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]

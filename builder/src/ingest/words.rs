@@ -81,7 +81,7 @@ pub(super) fn append_words(file: &ScratchFile, words: &mut [u32]) -> Result<u64,
     file.append(bytemuck::cast_slice(words))
 }
 
-/// Write words over what is there.
+/// Write words at a position; see [`ScratchFile::write_at`].
 pub(super) fn write_words(file: &ScratchFile, at: u64, words: &mut [u32]) -> Result<(), ScratchError> {
     little_endian(words);
     file.write_at(at, bytemuck::cast_slice(words))
@@ -90,6 +90,19 @@ pub(super) fn write_words(file: &ScratchFile, at: u64, words: &mut [u32]) -> Res
 /// Fill `into` with the words from byte `at` on.
 pub(super) fn read_words(file: &ScratchFile, at: u64, into: &mut [u32]) -> Result<(), ScratchError> {
     file.read_into(at, bytemuck::cast_slice_mut(into))?;
+    little_endian(into);
+    Ok(())
+}
+
+/// As [`read_words`]; the bytes of the words are added to a checksum.
+pub(super) fn read_words_with_sum(
+    file: &ScratchFile,
+    at: u64,
+    into: &mut [u32],
+    sum: &mut crc32fast::Hasher,
+) -> Result<(), ScratchError> {
+    file.read_into(at, bytemuck::cast_slice_mut(into))?;
+    sum.update(bytemuck::cast_slice(into));
     little_endian(into);
     Ok(())
 }

@@ -61,7 +61,7 @@ impl ScratchFile {
         Ok(at)
     }
 
-    /// Write over bytes that are there.
+    /// Write at a position, which may lie beyond the end: what is between reads as zeros, and counts as bytes of the file.
     ///
     /// # Errors
     /// As [`ScratchFile::append`].

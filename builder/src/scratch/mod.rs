@@ -22,7 +22,7 @@ pub use patch_file::PatchFile;
 pub(crate) use patch_file::{Place, checksum_matches, read_index};
 pub(crate) use records::visit_finished;
 pub use records::{Records, point_key, point_of, record, tetrahedron_of};
-pub(crate) use sum::{Sum, seal, unseal};
+pub(crate) use sum::{Sum, Summing, seal, unseal};
 
 use folder::LOCK;
 use kilwa_files::atomic::{self, Access};

@@ -354,6 +354,31 @@ fn only_triangles_with_vertices_that_are_not_finite_are_dropped() {
 }
 
 #[test]
+fn the_order_in_which_the_corners_of_triangles_are_found_does_not_affect_the_result() {
+    let mut raw = grid(400, 0.1);
+    for v in [7, 60_000, 60_001, 180_000, 240_000, 440_000, 479_000] {
+        raw.positions[v].x = f64::NAN;
+    }
+    // Where no triangle is kept for a long stretch, and single ones.
+    let low = |v: usize| (270_000..420_000).contains(&v) || v.is_multiple_of(1000);
+    raw.scalars.push(("confidence".into(), (0..raw.positions.len()).map(|v| if low(v) { 0.1 } else { 0.9 }).collect()));
+    let o = IngestOptions { min_confidence: Some(0.5), ..options(2000) };
+    let (forwards, half) = (raw.triangles.clone(), raw.triangles.len() / 2);
+    // Little memory: few vertices at a time, so that triangles are complete at once, much later, or in the opposite order.
+    let backwards: Vec<[u32; 3]> = forwards.iter().rev().copied().collect();
+    let ends_in_turn = forwards[..half].iter().zip(&backwards).flat_map(|(a, b)| [*a, *b]).collect();
+    for (name, triangles) in [("forwards", forwards), ("backwards", backwards), ("ends in turn", ends_in_turn)] {
+        raw.triangles = triangles;
+        let at_once = try_run(&[&raw], &Case { memory: LARGE, threads: 2, leaf_triangles: 2000 }, &o).unwrap();
+        assert!(at_once.surface.diagnostics.values().any(|d| d.places.len() == 5), "{name}");
+        for (memory, threads) in [(TINY, 1), (1 << 21, 2)] {
+            let found = try_run(&[&raw], &Case { memory, threads, leaf_triangles: 2000 }, &o).unwrap();
+            same(&at_once, &found, &format!("{name}, {memory} bytes"));
+        }
+    }
+}
+
+#[test]
 fn a_triangle_with_an_index_out_of_range_is_an_error_that_names_it() {
     let (scratch, raw) = (Scratch::temporary().unwrap(), grid(3, 0.1));
     let mut spool = Spool::create(&scratch, Path::new("first.ply")).unwrap();
