@@ -44,6 +44,45 @@ test("on a telephone on its side the picture keeps the height, and the panel sta
   }
 });
 
+test("in every language, the names of the tabs are whole and no word of the first tools is broken, beside a picture and on a narrow phone", async () => {
+  for (const size of [
+    [1200, 800],
+    [360, 640],
+  ]) {
+    const { page, close } = await open(site.browser, fort("?error=50"), { size });
+    await openTab(page, "Measure");
+    await page.getByRole("tabpanel", { name: "Measure" }).getByRole("button", { name: "Distance" }).waitFor();
+    const languages = await page
+      .getByRole("combobox", { name: "Language" })
+      .first()
+      .locator("option")
+      .evaluateAll((all) => all.map(({ value }) => value));
+    assert.ok(languages.length >= 5, languages.join());
+    for (const language of languages) {
+      await page.getByRole("banner").getByRole("combobox").first().selectOption(language);
+      await page.waitForFunction((lang) => document.documentElement.lang === lang, language);
+      const tabs = page.getByRole("tab").locator("span");
+      const cut = await tabs.evaluateAll((all) => all.filter((e) => e.scrollWidth > e.clientWidth).map((e) => e.textContent));
+      assert.deepEqual(cut, [], `${size}, ${language}: tabs`);
+      const tools = page.getByRole("tabpanel").locator(".often span");
+      assert.equal(await tools.count(), 4);
+      const broken = await tools.evaluateAll((all) =>
+        all.flatMap((e) =>
+          [...e.textContent.matchAll(/\S+/g)].flatMap(({ 0: word, index }) => {
+            const range = document.createRange();
+            const text = [...e.childNodes].find((node) => node.data?.includes(word));
+            range.setStart(text, index);
+            range.setEnd(text, index + word.length);
+            return range.getClientRects().length > 1 ? [word] : [];
+          }),
+        ),
+      );
+      assert.deepEqual(broken, [], `${size}, ${language}: tools`);
+    }
+    await close();
+  }
+});
+
 test("the model is framed beside the tools: at first, in standard views, and when all of it is shown", async () => {
   for (const size of [
     [1100, 500],

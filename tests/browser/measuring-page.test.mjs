@@ -402,6 +402,124 @@ test("units change what is shown and never what is kept; values are copied with 
   await close();
 });
 
+/** The coordinates that a drawing shows at its cursor, by name. */
+const coordinatesOf = async (drawing) => {
+  const text = (await drawing.getAttribute("aria-valuetext")).replaceAll("−", "-");
+  return Object.fromEntries([...text.matchAll(/(distance|[xyz]) (-?[\d.]+)/g)].map(([, name, value]) => [name, Number(value)]));
+};
+
+test("a section is drawn in its row: the cursor shows places of the model, by keys and pointer, and marks them there", async () => {
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
+  const rays = await raysAt(page, ...ENDS);
+  await page.evaluate((rays) => globalThis.kilwa.api.addMeasurement({ tool: "section-upright", rays }), rays);
+  await openTab(page, "Measure");
+  const detail = await openRow(page, "Section 1");
+  const drawing = detail.getByRole("slider", { name: "Drawing of Section 1" });
+  /** The picture of the marks, when it has been the same for ten frames: what is hidden is dimmed a little later. */
+  const marks = () =>
+    page.locator("#marks").evaluate(async (canvas) => {
+      for (let [last, same] = ["", 0]; ; ) {
+        const now = canvas.toDataURL();
+        same = now === last ? same + 1 : 0;
+        if (same === 10) return now;
+        last = now;
+        await new Promise(requestAnimationFrame);
+      }
+    });
+  const { width, height } = await drawing.boundingBox();
+  await drawing.hover({ position: { x: width - 2, y: 2 } });
+  await detail.locator(".plot-read").getByText("height").waitFor();
+  assert.deepEqual(await coordinatesOf(drawing), {}, "off the lines there is no place of the model");
+  const unmarked = await marks();
+  await drawing.focus();
+  await page.keyboard.press("ArrowRight");
+  const first = await coordinatesOf(drawing);
+  for (let k = 0; k < 4; k += 1) await page.keyboard.press("Shift+ArrowRight");
+  const spot = await coordinatesOf(drawing);
+  assert.ok(spot.distance > first.distance, `${JSON.stringify(first)} → ${JSON.stringify(spot)}`);
+  const [[a, b]] = (await list(page)).map(({ points }) => points);
+  const across = [b[1] - a[1], a[0] - b[0]];
+  const off = ((spot.x - a[0]) * across[0] + (spot.y - a[1]) * across[1]) / Math.hypot(...across);
+  assert.ok(Math.abs(off) < 0.15, `${off} m from the plane of the section, of coordinates in steps of 0.1 m`);
+  assert.ok((await marks()) !== unmarked, "the place is marked on the model");
+  await drawing.hover({ position: { x: width - 3, y: 3 } });
+  await detail.locator(".plot-read").getByText("height").waitFor();
+  assert.ok((await marks()) === unmarked, "it is no longer marked");
+  // Keys of the browser stay its own, and those of the drawing do not turn the model.
+  const camera = await cameraOf(page);
+  await drawing.focus();
+  assert.ok(
+    await drawing.evaluate((canvas) => canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "+", ctrlKey: true, bubbles: true, cancelable: true }))),
+    "Ctrl + zooms the page",
+  );
+  await page.keyboard.press("ArrowLeft");
+  assert.deepEqual(await cameraOf(page), camera);
+  // Enlarged, and back.
+  await detail.getByRole("button", { name: "Enlarge the drawing" }).press("Enter");
+  const large = page.getByRole("dialog", { name: "Section 1" });
+  const canvas = large.getByRole("slider");
+  assert.ok((await canvas.boundingBox()).height > 2 * height);
+  await page.keyboard.press("ArrowRight");
+  await large.getByRole("button", { name: "Zoom in" }).click();
+  assert.ok(Object.keys(await coordinatesOf(canvas)).includes("z"));
+  await page.keyboard.press("Control+z");
+  assert.equal((await list(page)).length, 1, "undo is behind the dialog");
+  assert.deepEqual(await serious(page, "the enlarged drawing", ".plot-dialog"), []);
+  await page.keyboard.press("Escape");
+  await large.waitFor({ state: "hidden" });
+  await detail
+    .locator(":focus")
+    .and(page.getByRole("button", { name: "Enlarge the drawing" }))
+    .waitFor();
+  assert.deepEqual(await serious(page, "the drawing in its row", "#measure"), []);
+  // With its row, the mark leaves the model.
+  await drawing.focus();
+  await page.keyboard.press("ArrowRight");
+  const marked = await marks();
+  await row(page, "Section 1").click();
+  await drawing.waitFor({ state: "hidden" });
+  assert.ok((await marks()) !== marked);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("a drawing is saved to scale on the paper that is chosen, under the published title; paper that is too small and no scale are refused", async () => {
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
+  const rays = await raysAt(page, ...ENDS);
+  await page.evaluate((rays) => globalThis.kilwa.api.addMeasurement({ tool: "section-upright", rays }), rays);
+  await openTab(page, "Measure");
+  const detail = await openRow(page, "Section 1");
+  const scale = detail.getByRole("textbox", { name: "Scale, 1 to" });
+  const paper = detail.getByRole("combobox", { name: "Paper" });
+  const [svg, dxf] = ["SVG", "DXF"].map((format) => detail.getByRole("button", { name: `Drawing, ${format}` }));
+  const choose = async (value) => {
+    await scale.fill(value);
+    await scale.press("Enter");
+  };
+  await detail.getByText(/^A[34]: \d+ × \d+ mm on paper$/).waitFor();
+  await choose("50");
+  await paper.selectOption("A0");
+  await detail.getByText("A0: 1189 × 841 mm on paper").waitFor();
+  const text = await saved(page, svg);
+  assert.match(text, /<svg [^>]*width="1189mm" height="841mm" viewBox="0 0 1189 841">\s*<title>fort: Section 1<\/title>/);
+  const points = [...text.matchAll(/points="([^"]*)"/g)].flatMap(([, all]) => all.split(" ").map((p) => p.split(",").map(Number)));
+  const [low, high] = [Math.min, Math.max].map((pick) => points.reduce((x, p) => pick(x, p[0]), points[0][0]));
+  const [metres] = text.match(/>[\d.]+ m</g).map((t) => Number(t.slice(1, -3)));
+  assert.ok(Math.abs(high - low - (metres * 1000) / 50) < 0.02, `${high - low} mm of paper for ${metres} m at 1:50`);
+  await paper.selectOption("A4");
+  await detail.getByText("larger than the paper").waitFor();
+  assert.ok(await svg.isDisabled());
+  assert.match(await saved(page, dxf), /SECTION/, "a DXF is in metres, whatever the paper");
+  await choose("fifty");
+  await detail.getByText("Enter a scale such as 1:50").waitFor();
+  assert.ok((await svg.isDisabled()) && (await dxf.isDisabled()));
+  await choose("500,0");
+  await detail.getByText("A4: 297 × 210 mm on paper").waitFor();
+  assert.equal(await scale.inputValue(), "500");
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
 test("sections and contours are lines on the model, and drawings as files", async () => {
   const { page, complaints, close } = await open(site.browser, fort(), tab);
   await tool(page, "Vertical section");

@@ -23,6 +23,7 @@ const FILES = {
   mode: MODES.map(([mode]) => `mode-${mode}`),
   notes: ["notes", "note", "note-form"],
   section: ["section-plane", "section-box"],
+  plot: ["plot", "plot-large"],
   measure: ["measure", "measure-picking", "measure-distance", "measure-table"],
 };
 const NOTES = [
@@ -246,6 +247,24 @@ const scenes = {
     }
     await shot.rest();
     await shot.shoot("measure-labels");
+  },
+
+  async plot(shot) {
+    const { page } = shot;
+    await shot.measured("section-upright", [0.38, 0.52], [0.62, 0.52]);
+    await shot.tab("tabMeasure");
+    const opener = page.getByRole("rowheader").getByRole("button").first();
+    if ((await opener.getAttribute("aria-expanded")) !== "true") await opener.click();
+    const drawing = page.getByRole("slider", { name: shot.words.plotName.split("{")[0].trim() });
+    await drawing.waitFor();
+    await shot.rest();
+    const { width, height } = await drawing.boundingBox();
+    await drawing.hover({ position: { x: width * 0.4, y: height * 0.5 } });
+    await shot.shoot("plot");
+    await page.getByRole("button", { name: shot.words.plotLarge }).click();
+    await page.keyboard.press("ArrowRight");
+    await page.keyboard.press("+");
+    await shot.shoot("plot-large");
   },
 
   async hidden(shot) {

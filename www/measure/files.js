@@ -5,6 +5,7 @@ import { notice } from "../chrome.js";
 import { t } from "../i18n.js";
 import { why } from "../messages.js";
 import { download, fileName } from "../store.js";
+import { onSheet, sizeIn } from "./paper.js";
 
 export const FORMATS = [
   ["json", "fileJson", "application/json"],
@@ -73,17 +74,29 @@ export class Files {
   }
 
   /**
-   * Offer the lines of one measurement as a drawing.
+   * Offer the lines of one measurement as a drawing, an SVG on a sheet of so many millimetres where one is given.
    * @param {string} format
    * @param {MeasureItem} item
+   * @param {{scale: number, on: number[] | null}} how
    */
-  async draw(format, { name, task }) {
+  async draw(format, { name, task }, { scale, on }) {
     try {
-      const words = await (await this.engine()).write({ ...task.answer, title: name }, format);
-      download(fileName(`${this.title()} ${name}`, `.${format}`), new Blob([words], { type: DRAWINGS[format] }));
+      const words = await (await this.engine()).write({ ...task.answer, title: `${this.title()}: ${name}` }, format, { scale });
+      const file = format === "svg" && on ? onSheet(words, on) : words;
+      download(fileName(`${this.title()} ${name}`, `.${format}`), new Blob([file], { type: DRAWINGS[format] }));
     } catch (error) {
       notice(t("measureFailed", { why: why(error) }), 12000);
     }
+  }
+
+  /**
+   * Width and height of a drawing on paper at a scale, mm: those of a drawing with one line from corner to corner.
+   * @param {{low: number[], high: number[]}} corners metres
+   * @param {number} scale
+   */
+  async sizeOf({ low, high }, scale) {
+    const line = { closed: false, flat: [low, high], world: [low, high].map((p) => [...p, 0]) };
+    return sizeIn(await (await this.engine()).write({ title: "", layer: "", lines: [line] }, "svg", { scale }));
   }
 
   /**

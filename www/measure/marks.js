@@ -64,6 +64,8 @@ export class Marks {
     this.picture = 0; // triangles of the last frame
     /** @type {Scene | null} */
     this.scene = null;
+    /** The place that the cursor in a drawing is at. @type {{color: string, world: number[]} | null} */
+    this.spot = null;
     /** @type {ReturnType<typeof setTimeout> | undefined} */
     this.timer = undefined;
     /** Boxes of what lies over the picture, and when they were measured. @type {number[][] | null} */
@@ -123,6 +125,16 @@ export class Marks {
   frame(stats) {
     this.error = Number.isFinite(stats.worstErrorMetres) ? stats.worstErrorMetres : 0;
     this.draw(stats.trianglesDrawn);
+  }
+
+  /**
+   * Mark a place, or none: that of the cursor in a drawing. It moves too often for the shapes to be arranged each time.
+   * @param {{color: string, world: number[]} | null} spot
+   */
+  point(spot) {
+    if (!this.spot && !spot) return;
+    this.spot = spot;
+    if (this.scene?.isOpen) this.#paint();
   }
 
   draw(picture = this.picture) {
@@ -225,6 +237,7 @@ export class Marks {
     }
     this.#leaders(context);
     context.globalAlpha = 1;
+    if (this.spot) this.#disc(context, this.viewer.project(new Float64Array(this.spot.world)), { radius: 5, fill: this.spot.color, edge: "#fff" });
   }
 
   /**
@@ -271,19 +284,30 @@ export class Marks {
    * @param {Drawn} shape
    */
   #dots(context, { source, dotsAt, dotsHidden }) {
-    const { ratio } = this.session;
     for (const [k] of source.dots.entries()) {
       const [x, y] = [dotsAt[k * 3], dotsAt[k * 3 + 1]];
       if (!Number.isFinite(x)) continue;
       context.globalAlpha = dotsHidden[k] ? 0.35 : 1;
-      context.beginPath();
-      context.arc(x, y, (source.chosen ? 5 : 4) * ratio, 0, 7);
-      context.fillStyle = source.dashed ? "#fff" : source.color;
-      context.strokeStyle = source.dashed ? source.color : "#fff";
-      context.lineWidth = 2 * ratio;
-      context.fill();
-      context.stroke();
+      const [fill, edge] = source.dashed ? ["#fff", source.color] : [source.color, "#fff"];
+      this.#disc(context, [x, y], { radius: source.chosen ? 5 : 4, fill, edge });
     }
+  }
+
+  /**
+   * @param {CanvasRenderingContext2D} context
+   * @param {ArrayLike<number>} at
+   * @param {{radius: number, fill: string, edge: string}} how
+   */
+  #disc(context, { 0: x, 1: y }, { radius, fill, edge }) {
+    const { ratio } = this.session;
+    if (!Number.isFinite(x)) return;
+    context.beginPath();
+    context.arc(x, y, radius * ratio, 0, 7);
+    context.fillStyle = fill;
+    context.strokeStyle = edge;
+    context.lineWidth = 2 * ratio;
+    context.fill();
+    context.stroke();
   }
 
   // Labels and handles.

@@ -128,6 +128,7 @@ export class Measure {
       settings: () => ({ unit: this.unit, snap: this.snap, isLong: this.isLong, setUnit: (unit) => this.setUnit(unit), setSnap: (snap) => this.setSnap(snap) }),
       lines: (item) => linesOf(item.task, this.unit),
       choose: (id) => this.choose(id),
+      pointed: ({ color, hidden }, world) => this.marks.point(world && !hidden && !this.#isClosed ? { color, world } : null),
     });
     this.list.restore(linked);
     const key = (/** @type {KeyboardEvent} */ event) => {

@@ -31,10 +31,11 @@ const PLANES = { fitted: "planeFitted", lowest: "planeLowest", height: "planeAtH
  * @property {Files} files
  * @property {Sharing} sharing
  * @property {import("../undo.js").Undo} undo
- * @property {{bounds_min: number[], bounds_max: number[]}} bounds of the model
+ * @property {{bounds_min: number[], bounds_max: number[], median_edge: number}} bounds of the model, and the spacing of its mesh
  * @property {() => {unit: string, snap: string, isLong: boolean, setUnit: (unit: string) => void, setSnap: (snap: string) => void}} settings
  * @property {(item: MeasureItem) => string[]} lines the value of a measurement, as its label has it
  * @property {(id: string) => void} choose open a measurement
+ * @property {(item: MeasureItem, world: number[] | null) => void} pointed a place on its drawing is under the pointer, or none any more
  */
 
 /** The field that an event happened to. @param {Event} event */

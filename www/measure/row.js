@@ -6,6 +6,8 @@ import { t } from "../i18n.js";
 import { sentence } from "../messages.js";
 import { icon, iconButton, rowsOf } from "../view.js";
 import { COLOR } from "./items.js";
+import "./paper-form.js";
+import "./plot.js";
 import { kindName } from "./tools.js";
 import { readingName, text } from "./values.js";
 
@@ -80,15 +82,17 @@ export class Rows {
    * @param {number} at
    */
   #detail(item, at) {
-    const { runner, settings } = this.#parts;
+    const { runner, settings, files, bounds, pointed } = this.#parts;
     const { task, foreign } = item;
     const { unit } = settings();
     const cited = this.sentences.get(item.id);
+    const mark = (/** @type {CustomEvent<number[] | null>} */ { detail }) => pointed(item, detail);
     return html`<div class="explain">
 ${foreign ? html`<p class="warn">${t("measureForeign", { title: foreign.title, identity: foreign.identity.slice(0, 12) })}</p>` : nothing}
 ${task.refusal ? html`<p class="error">${task.refusal()}</p>` : nothing}
 ${task.state === "missed" ? html`<p class="error">${t("measureMissed")}</p>` : nothing}
 ${task.state === "missed" || task.state === "failed" ? button(t("tryAgain"), "again", () => runner.again(item)) : nothing}
+${task.answer ? html`<kilwa-plot .spacing=${bounds.median_edge} .unit=${unit} .item=${item} @point=${mark}></kilwa-plot><kilwa-paper .files=${files} .item=${item}></kilwa-paper>` : nothing}
 ${task.readings.length > 0 ? [html`<p class="quiet">${kindName(task.kind)}</p><dl class="facts">${task.readings.map((r) => fact(readingName(r.name), text(r, unit)))}</dl>`, parts(task)] : nothing}
 ${this.#moving(item)}
 ${this.#words(item)}
@@ -111,16 +115,11 @@ ${this.#strip(item, at)}
 
   /** What a measurement becomes beside its value. @param {MeasureItem} item */
   #drawings(item) {
-    const { sharing, files } = this.#parts;
+    const { sharing } = this.#parts;
     const { task } = item;
-    const drawing = (/** @type {string} */ format) => button(t("measureDrawing", { format: format.toUpperCase() }), format, () => files.draw(format, item));
     const map = () => actions(button(t("measureMap"), "map", () => sharing.map(item)));
     const colours = () => actions(button(t("deviationShow"), "colours", () => sharing.colour(item)));
-    return [
-      task.fitted && task.kind.plane && task.isFinal ? map() : nothing,
-      task.answer ? actions(["svg", "dxf"].map(drawing)) : nothing,
-      task.tool === "deviation" && task.isFinal ? colours() : nothing,
-    ];
+    return [task.fitted && task.kind.plane && task.isFinal ? map() : nothing, task.tool === "deviation" && task.isFinal ? colours() : nothing];
   }
 
   /**

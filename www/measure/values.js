@@ -126,6 +126,23 @@ export function text(reading, unit) {
 /** @param {string} digits */
 const local = (digits) => digits.replace(".", separator()).replace("-", "−");
 
+/** How many metres a unit is. @param {string} unit */
+export const metresIn = (unit) => METRES[unit][0] / METRES[unit][1];
+
+/**
+ * A coordinate in a unit, without the unit's name, as far as the first digit of `finest`; both in metres. So the spacing of a mesh limits digits elsewhere too.
+ * @param {number} value
+ * @param {string} unit
+ * @param {number} finest
+ */
+export function coordinate(value, unit, finest) {
+  const length = { uncertainty: 0, dimension: "length" };
+  const step = inUnit({ ...length, value: finest }, unit).value;
+  const digits = step > 0 ? Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9))) : 6;
+  const text = fixed(inUnit({ ...length, value }, unit).value, digits);
+  return isolate(local(Number(text) === 0 ? text.replace("-", "") : text));
+}
+
 /**
  * The same digits to be read at a glance: an uncertainty below a centimetre in millimetres.
  * @param {Reading} reading

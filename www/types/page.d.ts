@@ -251,6 +251,8 @@ export interface Uncertainty {
 
 export interface Line {
   closed: boolean;
+  /** In the drawing: x to the right, y up, metres. */
+  flat: number[][];
   world: number[][];
 }
 

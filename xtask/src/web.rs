@@ -94,8 +94,9 @@ const MEASURE_GZ_MAX: u64 = 350_000;
 const POINTS_GZ_MAX: u64 = 440_000;
 /// Budget of what else every visitor loads before the picture, gzipped bytes: what `index.html` names, the worker that decodes, one language.
 const FIRST_GZ_MAX: u64 = 90_000;
-/// Budget of the parts that the page loads when they are first used (tools, dialogs, embedding), together.
-const LATER_GZ_MAX: u64 = 50_000;
+/// Budget of the parts that the page loads when they are first used (tools, dialogs, embedding), together. No visitor waits for all of them: measuring, the
+/// largest, is about half.
+const LATER_GZ_MAX: u64 = 58_000;
 /// Files of the first load that `index.html` does not name: [`first_files`].
 const FIRST: [&str; 2] = ["index.html", "decode-worker.js"];
 
