@@ -236,6 +236,39 @@ inEach(
   sameShare,
 );
 
+inEach(
+  "draws a section in its row, and shows the coordinates of its first place",
+  {},
+  async (session) => {
+    await fort(session);
+    await session.run(async () => {
+      const { bounds_min: low, bounds_max: high } = globalThis.kilwa.api.info().metadata;
+      const at = (share) => low.map((v, i) => v + (high[i] - v) * (i === 1 ? 0.5 : share));
+      await globalThis.kilwa.api.addMeasurement({ tool: "section-upright", points: [at(0.3), at(0.6)] });
+    });
+    await session.clickOn("tab", "Measure");
+    /** Pixels of the drawing that are much darker than its ground. */
+    const ink = await until(session, () => {
+      const canvas = document.querySelector("kilwa-plot canvas");
+      if (!canvas?.checkVisibility() || canvas.width < 100) return 0;
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      return data.filter((value, k) => k % 4 === 0 && value < 90 && data[k + 3] > 200).length;
+    });
+    assert.ok(ink > 100, `${ink} pixels of lines`);
+    await session.run(() => document.querySelector("kilwa-plot canvas").focus());
+    await session.press("ArrowRight");
+    return until(
+      session,
+      () =>
+        document
+          .querySelector("kilwa-plot canvas")
+          .getAttribute("aria-valuetext")
+          .match(/line 1 of \d+, distance .* m$/)?.[0],
+    );
+  },
+  (given, wanted) => assert.equal(given, wanted),
+);
+
 inEach("keeps a note over a reload, and draws its pin", {}, async (session) => {
   await fort(session);
   await session.clickOn("button", "Write a note on the model");

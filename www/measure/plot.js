@@ -234,6 +234,8 @@ export class Plot extends HTMLElement {
     const { key, shiftKey } = event;
     // Zooming the page and going back are the browser's.
     if (event.ctrlKey || event.metaKey || event.altKey || this.#work.paths.length === 0) return;
+    // Before its first frame it has no size.
+    if (this.#width === 0) this.#resize();
     const step = (shiftKey ? STRIDE : STEP) * this.#scale;
     const spot = this.#cursor?.world ? this.#cursor : null;
     const at = spot ? this.#pixelOf(spot.flat) : undefined;
