@@ -5,6 +5,7 @@
 //! oracles are rewritten here, from the triangles that went in, not from the code that is tested.
 
 mod accuracy;
+mod digits;
 mod drawings;
 mod opinions;
 mod oracle;

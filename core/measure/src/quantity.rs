@@ -59,9 +59,13 @@ impl Uncertainty {
     }
 }
 
+/// Differences to either side that differ by no more than this share are those of a function that is smooth there.
+const SMOOTH: f64 = 0.1;
+
 /// The standard uncertainty of `f` at the given points, if each coordinate of a point has the independent standard uncertainty that `per_axis` gives
 /// for it (JCGM 100:2008 "GUM", 5.1.2; the derivatives by central differences over one uncertainty, at least a
-/// millionth of the extent). Where `f` has no value next to the points, that direction is left out.
+/// millionth of the extent). Where `f` turns round next to the points, as the angle of two planes does at 90 degrees, central differences vanish and the
+/// larger of the differences to either side counts. Where `f` has no value next to the points, that direction is left out.
 pub fn propagate<const N: usize>(
     points: &[DVec3],
     per_axis: &[f64],
@@ -71,6 +75,7 @@ pub fn propagate<const N: usize>(
     let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
     let least = 1e-6 * (high - low).max_element().max(0.0);
     let mut squares = [0.0; N];
+    let Some(here) = f(points) else { return squares };
     let mut moved = points.to_vec();
     for (i, per_axis) in per_axis.iter().enumerate().take(points.len()) {
         let h = per_axis.max(least);
@@ -84,8 +89,12 @@ pub fn propagate<const N: usize>(
             let behind = f(&moved);
             moved[i][k] = points[i][k];
             if let (Some(a), Some(b)) = (ahead, behind) {
-                for (sum, (a, b)) in squares.iter_mut().zip(a.iter().zip(b)) {
-                    let part = (a - b) / (2.0 * h) * per_axis;
+                for (k, sum) in squares.iter_mut().enumerate() {
+                    let (fore, back) = (a[k] - here[k], here[k] - b[k]);
+                    let larger = fore.abs().max(back.abs());
+                    let is_smooth = (fore - back).abs() <= SMOOTH * larger;
+                    let change = if is_smooth { 0.5 * (fore + back) } else { larger };
+                    let part = change / h * per_axis;
                     *sum += part * part;
                 }
             }
@@ -146,6 +155,17 @@ impl Length {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_function_that_turns_round_is_as_uncertain_as_beside_its_turn() {
+        let spread = |x: f64| propagate(&[DVec3::new(x, 0.0, 0.0)], &[0.01], |p| Some([p[0].x.abs()]))[0];
+        for x in [0.0, 0.001, -0.004, 0.006, 1.0] {
+            assert!((spread(x) - 0.01).abs() < 1e-12, "at {x}: {}", spread(x));
+        }
+        // A smooth turn has no slope, but what a step changes.
+        let [of_square] = propagate(&[DVec3::ZERO], &[0.01], |p| Some([p[0].x * p[0].x]));
+        assert!((of_square - 1e-4).abs() < 1e-12, "{of_square}");
+    }
 
     #[test]
     fn a_length_has_its_parts_and_digits_follow_from_the_uncertainty() {

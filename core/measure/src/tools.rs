@@ -93,10 +93,9 @@ fn distance(points: &[DVec3], closed: bool, per_axis: &[f64]) -> Result<Vec<Read
     if points.len() > 2 {
         all.extend(readings([("ends", Length)], points, per_axis, |p| path::length(p, false).map(|l| [l.ends]))?);
     }
-    // At a distance of nothing the derivative vanishes, the uncertainty does not.
-    let min = std::f64::consts::SQRT_2 * largest(per_axis);
-    for r in &mut all {
-        r.quantity.uncertainty = r.quantity.uncertainty.max(if r.quantity.value == 0.0 { min } else { 0.0 });
+    // At a distance of nothing no direction is special: it is as uncertain as a difference along one.
+    for r in all.iter_mut().filter(|r| r.quantity.value == 0.0) {
+        r.quantity.uncertainty = std::f64::consts::SQRT_2 * largest(per_axis);
     }
     Ok(all)
 }
@@ -118,9 +117,16 @@ fn planes(points: &[DVec3], per_axis: &[f64]) -> Result<Vec<Reading>, Refusal> {
 
 fn height(points: &[DVec3], per_axis: &[f64]) -> Result<Vec<Reading>, Refusal> {
     at_least("a height above a plane", 4, points)?;
-    readings([("height", Dimension::Length)], points, per_axis, |p| {
+    let above = |p: &[DVec3]| {
         let (last, rest) = p.split_last().ok_or(Refusal::NotFinite)?;
-        Ok([Plane::fit(rest)?.plane.distance(*last)])
+        let plane = Plane::fit(rest)?.plane;
+        Ok::<_, Refusal>((plane.distance(*last), plane.normal))
+    };
+    // The normal of an upright plane has no clear sign: the smallest change of a point may turn it round.
+    let (_, towards) = above(points)?;
+    readings([("height", Dimension::Length)], points, per_axis, |p| {
+        let (height, normal) = above(p)?;
+        Ok([if normal.dot(towards) < 0.0 { -height } else { height }])
     })
 }
 
@@ -193,8 +199,23 @@ mod tests {
         assert!(none[0].quantity.value == 0.0 && none[0].quantity.uncertainty > 0.0);
         let up = [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(0.3, 0.3, 2.5)];
         assert!(read(PointTool::Height, &up)[0].starts_with("height 2.500"));
+        // Above an upright plane it is no less certain than above a level one.
+        let niche = |y: f64| {
+            PointTool::Height.measure(&[wall[0], wall[1], wall[2], DVec3::new(3.0, y, 1.0)], &space(), &[0.002; 4])
+        };
+        for y in [0.25, -0.25] {
+            let depth = &niche(y).unwrap()[0].quantity;
+            assert!(
+                (depth.value.abs() - 0.25).abs() < 1e-12 && (0.002..0.004).contains(&depth.uncertainty),
+                "{depth:?}"
+            );
+        }
         let turned: Vec<DVec3> = wall[..3].iter().chain(&up[..3]).copied().collect();
-        assert!(read(PointTool::PlaneAngle, &turned)[0].starts_with("angle 90.0"));
+        // The angle of two planes turns round at 90°, where they are no more certain than beside it; so does a slope at 0°.
+        let planes = read(PointTool::PlaneAngle, &turned);
+        // The level triangle is 1 m wide and the upright one 3 m high: the square root of two times 2 mm over each is 0.17°.
+        assert_eq!(planes[0], "angle 90.00 ± 0.17 °");
+        assert!(planes[2].starts_with("second slope 0.00 ± 0."), "{planes:?}");
         let ring = [DVec3::X, DVec3::Y, DVec3::new(-1.0, 0.0, 0.0), DVec3::new(0.0, -1.0, 0.0)];
         assert!(read(PointTool::Circle, &ring)[1].starts_with("diameter 2.000"));
     }

@@ -90,15 +90,22 @@ pub(super) async fn profile<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resul
         return Err(Refusal::Misses { what: Target::Profile, hint }.into());
     }
     let u = std::f64::consts::SQRT_2 * s.point.combined();
-    let way: f64 = legs.iter().map(|l| l.length).sum();
     let heights = lines.iter().flat_map(|l| &l.points).map(|p| p[1]);
     let low = heights.clone().fold(f64::INFINITY, f64::min);
     let high = heights.fold(f64::NEG_INFINITY, f64::max);
     let of = |name, value, u| Reading::new(name, Dimension::Length, value, u);
+    let mut way = of("way in plan", legs.iter().map(|l| l.length).sum(), 0.0);
+    // A line that was typed is exact; one between picked points is as uncertain as their distance in plan.
+    if task.pointing.iter().any(|x| *x > 0.0)
+        && let Some(horizontal) = s.on_points(task, PointTool::Distance)?.get(1)
+    {
+        way.quantity.uncertainty = horizontal.quantity.uncertainty;
+        way.resolution = horizontal.resolution;
+    }
     let mut report = Outcome::new(
         task.clone(),
         vec![
-            of("way in plan", way, 0.0),
+            way,
             of("length on the surface", total_length(&lines), u),
             of("lowest", low + height, s.point.combined()),
             of("highest", high + height, s.point.combined()),
@@ -181,7 +188,7 @@ pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
 
 /// The distance of points, and along the surface leg by leg.
 pub(super) async fn along<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let mut report = Outcome::new(task.clone(), PointTool::Distance.measure(&task.local, &s.space, &s.per_axis(task))?);
+    let mut report = Outcome::new(task.clone(), s.on_points(task, PointTool::Distance)?);
     let places = s.places(task).await?;
     let mut length = 0.0;
     for w in places.windows(2) {
@@ -192,7 +199,9 @@ pub(super) async fn along<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<
         length += path::along(&section, a.local, b.local, 2.0 * s.space.step())?.length();
         report.has_read(read);
     }
-    let u = libm::sqrt((2 * places.len().saturating_sub(1)) as f64) * s.per_axis(task).into_iter().fold(0.0, f64::max);
-    report.readings.push(Reading::new("along the surface", Dimension::Length, length, u));
+    let ends = libm::sqrt((2 * places.len().saturating_sub(1)) as f64);
+    let u = ends * s.per_axis(task).into_iter().fold(0.0, f64::max);
+    let resolution = s.resolution(ends * s.point.combined());
+    report.readings.push(Reading { resolution, ..Reading::new("along the surface", Dimension::Length, length, u) });
     Ok(report)
 }

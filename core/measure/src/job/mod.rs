@@ -127,23 +127,23 @@ impl<'a, L: Leaves> Subject<'a, L> {
         Uncertainty { pointing: task.pointing.iter().copied().fold(0.0, f64::max), ..self.point }
     }
 
-    /// State what the spacing of the mesh supports, where the accuracy of the capture is unknown.
-    fn limit_digits(&self, outcome: &mut Outcome) {
-        if self.point.capture.is_some() {
-            return;
-        }
-        let Uncertainty { pointing, .. } = self.uncertainty(&outcome.task);
-        let combined = self.point.of_points(&[pointing], 1)[0];
-        for Reading { quantity, resolution, .. } in &mut outcome.readings {
-            *resolution = resolution.or_else(|| self.resolution(quantity.uncertainty, combined));
-        }
+    /// The uncertainty of a reading if every coordinate, instead of [`Uncertainty::combined`], were as uncertain as the spacing of the mesh; `None` where
+    /// the accuracy of the capture is known. `own` is the reading's uncertainty without pointing, in its unit.
+    fn resolution(&self, own: f64) -> Option<f64> {
+        let supported = own * (self.leaves.index().metadata().median_edge / self.point.combined());
+        (self.point.capture.is_none() && supported > 0.0 && supported.is_finite()).then_some(supported)
     }
 
-    /// What an uncertainty would be if every coordinate, instead of `combined`, were as uncertain as the spacing of the mesh; `None` where the accuracy
-    /// of the capture is known.
-    fn resolution(&self, uncertainty: f64, combined: f64) -> Option<f64> {
-        let supported = uncertainty * (self.leaves.index().metadata().median_edge / combined);
-        (self.point.capture.is_none() && supported > 0.0 && supported.is_finite()).then_some(supported)
+    /// What a tool finds on the points of a task, and what the spacing of the mesh supports of it, which does not depend on pointing.
+    fn on_points(&self, task: &Task, tool: PointTool) -> Result<Vec<Reading>, Refusal> {
+        let mut readings = tool.measure(&task.local, &self.space, &self.per_axis(task))?;
+        if self.point.capture.is_none() && !task.pointing.is_empty() {
+            let without = tool.measure(&task.local, &self.space, &self.point.of_points(&[], task.local.len()))?;
+            for (reading, without) in readings.iter_mut().zip(without) {
+                reading.resolution = self.resolution(without.quantity.uncertainty);
+            }
+        }
+        Ok(readings)
     }
 
     /// The whole model's box, local metres.
@@ -190,7 +190,10 @@ pub async fn measure<L: Leaves>(leaves: &L, task: &Task) -> Result<Outcome, Fail
     subject.locate(task).await?;
     let mut outcome = measured(&subject, task).await?;
     finite(&outcome.readings)?;
-    subject.limit_digits(&mut outcome);
+    // Tools whose readings contain pointing have stated it themselves.
+    for Reading { quantity, resolution, .. } in &mut outcome.readings {
+        *resolution = resolution.or_else(|| subject.resolution(quantity.uncertainty));
+    }
     outcome.uncertainty = subject.uncertainty(task);
     Ok(outcome)
 }
@@ -207,14 +210,7 @@ async fn measured<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome,
         return of_pack_of_points(s, task);
     }
     match task.tool {
-        ToolName::Coordinate => on_points(s, task, PointTool::Coordinate),
-        ToolName::Distance => on_points(s, task, PointTool::Distance),
-        ToolName::Perimeter => on_points(s, task, PointTool::Perimeter),
         ToolName::Along => cutting::along(s, task).await,
-        ToolName::Angle => on_points(s, task, PointTool::Angle),
-        ToolName::PlaneAngle => on_points(s, task, PointTool::PlaneAngle),
-        ToolName::Height => on_points(s, task, PointTool::Height),
-        ToolName::Circle => on_points(s, task, PointTool::Circle),
         ToolName::Area if task.local.is_empty() => whole::area(s, task).await,
         ToolName::Area => whole::polygon_area(s, task).await,
         ToolName::Volume => whole::volume(s, task).await,
@@ -226,19 +222,19 @@ async fn measured<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome,
         }
         ToolName::Profile => cutting::profile(s, task).await,
         ToolName::Contours => cutting::contours(s, task).await,
+        _ => Ok(Outcome::new(task.clone(), s.on_points(task, point_tool(task)?)?)),
     }
 }
 
 /// Measure in a pack of points: only what needs no surface between them.
 #[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
 fn of_pack_of_points<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    if task.tool == ToolName::Along {
-        return Err(Refusal::OfPoints.into());
-    }
-    match of_points(task, &s.space, &s.point) {
-        Err(Refusal::Waits) => Err(Refusal::OfPoints.into()),
-        readings => Ok(Outcome::new(task.clone(), readings?)),
-    }
+    let tool = match point_tool(task) {
+        Ok(tool) if task.tool != ToolName::Along => tool,
+        _ => return Err(Refusal::OfPoints.into()),
+    };
+    let readings = s.on_points(task, tool)?;
+    Ok(Outcome::new(task.clone(), readings))
 }
 
 /// The readings of a tool that needs points only, also of points that are known no better than `point` says.
@@ -246,7 +242,17 @@ fn of_pack_of_points<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outco
 /// # Errors
 /// [`Refusal`], also for a tool that needs the surface.
 pub fn of_points(task: &Task, space: &Space, point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
-    let tool = match task.tool {
+    let readings = point_tool(task)?.measure(&task.local, space, &point.of_points(&task.pointing, task.local.len()))?;
+    finite(&readings)?;
+    Ok(readings)
+}
+
+/// What a tool finds on its points alone.
+///
+/// # Errors
+/// [`Refusal::Waits`] for a tool that needs the surface.
+fn point_tool(task: &Task) -> Result<PointTool, Refusal> {
+    Ok(match task.tool {
         ToolName::Coordinate => PointTool::Coordinate,
         ToolName::Distance | ToolName::Along => PointTool::Distance,
         ToolName::Perimeter => PointTool::Perimeter,
@@ -256,14 +262,7 @@ pub fn of_points(task: &Task, space: &Space, point: &Uncertainty) -> Result<Vec<
         ToolName::Circle => PointTool::Circle,
         ToolName::Area if !task.local.is_empty() => PointTool::PolygonArea,
         _ => return Err(Refusal::Waits),
-    };
-    let readings = tool.measure(&task.local, space, &point.of_points(&task.pointing, task.local.len()))?;
-    finite(&readings)?;
-    Ok(readings)
-}
-
-fn on_points<L: Leaves>(s: &Subject<'_, L>, task: &Task, tool: PointTool) -> Result<Outcome, Failure> {
-    Ok(Outcome::new(task.clone(), tool.measure(&task.local, &s.space, &s.per_axis(task))?))
+    })
 }
 
 /// A plane that a person or a file gave: its normal of unit length.

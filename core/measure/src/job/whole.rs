@@ -24,20 +24,21 @@ pub(super) async fn area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<O
     let (sum, read) = sum_of(s, &|_| true, &Areas::default, &add, Areas::join).await?;
     let u = sum.spread().map(|x| x * s.point.combined());
     let mut report = Outcome::new(task.clone(), Vec::new());
-    rough_surface(s, &mut report, &sum, u[0]);
+    rough_surface(s, &mut report, &sum, 0.0);
     report.readings.push(Reading::new("plan", Dimension::Area, sum.plan(), u[1]));
     report.add("triangles", json!(sum.triangles()));
     report.has_read(read);
     Ok(report)
 }
 
-/// Report an area along the surface, with the uncertainty `own` that its points cause, at which spacing it holds, and how much of it may be noise.
-fn rough_surface<L: Leaves>(s: &Subject<'_, L>, report: &mut Outcome, sum: &Areas, own: f64) {
+/// Report an area along the surface, at which spacing it holds, and how much of it may be noise. `outline` is the part of its uncertainty due to pointing.
+fn rough_surface<L: Leaves>(s: &Subject<'_, L>, report: &mut Outcome, sum: &Areas, outline: f64) {
     let added = sum.added_by_roughness();
-    let mut reading = Reading::new("surface", Dimension::Area, sum.surface(), with_part(own, added));
+    let points = sum.spread()[0] * s.point.combined();
+    let own = with_part(points, outline);
     // Digits follow from the points; the roughness does not grow with the spacing.
-    reading.resolution = s.resolution(own, s.point.combined()).map(|points| with_part(points, added));
-    report.readings.push(reading);
+    let surface = with_parts(s, ("surface", Dimension::Area, sum.surface()), points, with_part(outline, added));
+    report.readings.push(surface);
     report.add("spacing", json!(sum.spacing()));
     report.add("roughness", json!({ "deviation": sum.roughness(), "adds": added }));
     report.remark(Remark::Spacing { spacing: sum.spacing() });
@@ -49,7 +50,7 @@ fn rough_surface<L: Leaves>(s: &Subject<'_, L>, report: &mut Outcome, sum: &Area
 /// A polygon: in its plane, in plan, and the surface inside.
 pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
     let corners = &task.local;
-    let mut report = Outcome::new(task.clone(), PointTool::PolygonArea.measure(corners, &s.space, &s.per_axis(task))?);
+    let mut report = Outcome::new(task.clone(), s.on_points(task, PointTool::PolygonArea)?);
     let places = s.places(task).await?;
     let fit = Plane::fit(corners)?;
     let wide = extent(corners);
@@ -62,8 +63,7 @@ pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> 
         let hint = format!("no surface lies within {reach} m of its plane: give a longer reach");
         return Err(Refusal::Misses { what: Target::Polygon, hint }.into());
     }
-    let u = with_part(sum.spread()[0] * s.point.combined(), sum.surface() * outline(s, task)?);
-    rough_surface(s, &mut report, &sum, u);
+    rough_surface(s, &mut report, &sum, sum.surface() * outline(s, task)?);
     report.add("points", json!(places));
     report.add("reach", json!(reach));
     report.add("triangles", json!(sum.triangles()));
@@ -96,15 +96,14 @@ pub(super) async fn volume<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result
 
 /// Cut and fill of the surface inside a polygon.
 pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let corners = &task.local;
     let places = s.places(task).await?;
     let (region, fitted) = region(&places, task.plane, task.reach, |corners, _| extent(corners))?;
     let add = each(s.space, |v: &mut CutFill, t| v.add(t, &region));
     let (sum, read) = sum_of(s, &|b| meets(s, &region, b), &CutFill::default, &add, CutFill::join).await?;
     let v = sum.volumes(&region)?;
     let own = sum.spread(if fitted { places.len() } else { 0 }) * s.point.combined();
-    let u = with_part(own, (v.cut.abs() + v.fill.abs()) * outline(s, task)?);
-    let of = |name, value| Reading::new(name, Dimension::Volume, value, u);
+    let outline = (v.cut.abs() + v.fill.abs()) * outline(s, task)?;
+    let of = |name, value| with_parts(s, (name, Dimension::Volume, value), own, outline);
     let mut report = if v.is_body() {
         let mut report = Outcome::new(task.clone(), vec![of("above the plane", v.cut), of("below the plane", -v.fill)]);
         report.remark(Remark::Body);
@@ -112,9 +111,9 @@ pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     } else {
         Outcome::new(task.clone(), vec![of("cut", v.cut), of("fill", v.fill), of("net", v.net)])
     };
-    let of_base = PointTool::PolygonArea.measure(corners, &s.space, &s.per_axis(task))?;
-    let base = of_base.first().map_or(0.0, |r| r.quantity.uncertainty);
-    report.readings.push(Reading::new("base", Dimension::Area, region.area(), base));
+    let mut base = s.on_points(task, PointTool::PolygonArea)?.swap_remove(0);
+    (base.name, base.quantity.value) = ("base".to_owned(), region.area());
+    report.readings.push(base);
     report.add("points", json!(places));
     report.add("plane", s.plane_json(region.plane()));
     report.add("reach", json!(region.reach()));
@@ -171,8 +170,8 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
         ],
     );
     let outline = if task.local.is_empty() { 0.0 } else { outline(s, task)? };
-    let u = with_part(areas.spread()[0] * u, figures.area * outline);
-    report.readings.push(Reading::new("area", Dimension::Area, figures.area, u));
+    let points = areas.spread()[0] * u;
+    report.readings.push(with_parts(s, ("area", Dimension::Area, figures.area), points, figures.area * outline));
     report.add("plane", s.plane_json(&plane));
     report.add("histogram", json!({ "range": figures.range, "shares": figures.histogram }));
     report.has_read(read);
@@ -252,6 +251,13 @@ fn outline<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<f64, Refusal> {
 /// An uncertainty with an independent part of another origin, which often is zero.
 fn with_part(own: f64, part: f64) -> f64 {
     if part == 0.0 { own } else { libm::hypot(own, part) }
+}
+
+/// A reading whose uncertainty has, beside that of the points of the surface, a part that does not depend on them.
+fn with_parts<L: Leaves>(s: &Subject<'_, L>, what: (&str, Dimension, f64), points: f64, part: f64) -> Reading {
+    let (name, dimension, value) = what;
+    let resolution = s.resolution(points).map(|points| with_part(points, part));
+    Reading { resolution, ..Reading::new(name, dimension, value, with_part(points, part)) }
 }
 
 fn meets<L: Leaves>(s: &Subject<'_, L>, region: &Region, b: &Aabb) -> bool {
