@@ -9,7 +9,7 @@ import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { firefox } from "playwright-core";
-import { Builder, By, Capabilities, Key, Origin } from "selenium-webdriver";
+import { Builder, By, Capabilities, Key, Origin, error as refused } from "selenium-webdriver";
 import { launch, open } from "./harness.mjs";
 
 /** Longest wait for a state, in milliseconds; software rendering is slow on a busy machine. */
@@ -230,6 +230,9 @@ const KEYS = {
 /** Elements that may have a role; the browser computes role and name. */
 const CANDIDATES = { button: "button, [role=button]", tab: "[role=tab]" };
 
+/** Why an element cannot be clicked on now, but may be later. */
+const PASSING = [refused.ElementClickInterceptedError, refused.ElementNotInteractableError, refused.StaleElementReferenceError];
+
 async function webkitSession(server, { size: [width, height] = [800, 600] } = {}) {
   const capabilities = new Capabilities({ browserName: "MiniBrowser", "webkitgtk:browserOptions": { args: ["--automation"] } });
   const driver = await new Builder().disableEnvironmentOverrides().usingServer(server).withCapabilities(capabilities).build();
@@ -273,7 +276,18 @@ async function webkitSession(server, { size: [width, height] = [800, 600] } = {}
       });
     },
     run,
-    clickOn: async (role, name) => (await poll(() => find(role, name).catch(() => null), `the ${role} “${name}”`)).click(),
+    // As Playwright does: what is covered for a moment, or drawn anew meanwhile, is tried again.
+    clickOn: (role, name) =>
+      poll(async () => {
+        try {
+          const element = await find(role, name);
+          await element?.click();
+          return element !== null;
+        } catch (error) {
+          if (PASSING.some((kind) => error instanceof kind)) return false;
+          throw error;
+        }
+      }, `the ${role} “${name}”`),
     click: (x, y) => actions((a) => a.move(at(x, y)), down, up),
     drag: (from, to) =>
       actions(

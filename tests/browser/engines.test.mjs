@@ -61,11 +61,24 @@ function inEach(name, options, run, same) {
           same(given, reference[name]);
         }
         assert.deepEqual(await session.complaints(), []);
+      } catch (error) {
+        error.message += `\n${await stateOf(session).catch((why) => `no state of the page: ${why}`)}`;
+        throw error;
       } finally {
         await close();
       }
     });
   }
+}
+
+/** What helps to understand why a test failed: what the page complained of, where the focus is, and what is written on it. */
+async function stateOf(session) {
+  const complaints = await session.complaints();
+  const page = await session.run(() => {
+    const { outerHTML } = document.activeElement ?? document.body;
+    return [`focus (${document.hasFocus()}): ${outerHTML.slice(0, 300)}`, document.body.innerText.replace(/\s+/g, " ").slice(0, 1500)];
+  });
+  return [`complaints: ${JSON.stringify(complaints)}`, ...page].join("\n");
 }
 
 const settled = (session) => until(session, () => Boolean(globalThis.kilwa?.api.stats()?.settled));
@@ -247,15 +260,19 @@ inEach(
       await globalThis.kilwa.api.addMeasurement({ tool: "section-upright", points: [at(0.3), at(0.6)] });
     });
     await session.clickOn("tab", "Measure");
-    /** Pixels of the drawing that are much darker than its ground. */
-    const ink = await until(session, () => {
+    // Pixels that are much darker than the ground: its lines.
+    await until(session, () => {
       const canvas = document.querySelector("kilwa-plot canvas");
       if (!canvas?.checkVisibility() || canvas.width < 100) return 0;
       const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-      return data.filter((value, k) => k % 4 === 0 && value < 90 && data[k + 3] > 200).length;
+      const pixels = data.filter((value, k) => k % 4 === 0 && value < 90 && data[k + 3] > 200).length;
+      return pixels > 100;
     });
-    assert.ok(ink > 100, `${ink} pixels of lines`);
-    await session.run(() => document.querySelector("kilwa-plot canvas").focus());
+    await until(session, () => {
+      const canvas = document.querySelector("kilwa-plot canvas");
+      canvas.focus();
+      return document.activeElement === canvas;
+    });
     await session.press("ArrowRight");
     return until(
       session,

@@ -427,6 +427,11 @@ test("a section is drawn in its row: the cursor shows places of the model, by ke
       }
     });
   const { width, height } = await drawing.boundingBox();
+  await drawing.evaluate((canvas) => {
+    canvas.addEventListener("pointermove", ({ clientX, clientY }) => {
+      globalThis.rested = { clientX, clientY };
+    });
+  });
   await drawing.hover({ position: { x: width - 2, y: 2 } });
   await detail.locator(".plot-read").getByText("height").waitFor();
   assert.deepEqual(await coordinatesOf(drawing), {}, "off the lines there is no place of the model");
@@ -442,6 +447,12 @@ test("a section is drawn in its row: the cursor shows places of the model, by ke
   const off = ((spot.x - a[0]) * across[0] + (spot.y - a[1]) * across[1]) / Math.hypot(...across);
   assert.ok(Math.abs(off) < 0.15, `${off} m from the plane of the section, of coordinates in steps of 0.1 m`);
   assert.ok((await marks()) !== unmarked, "the place is marked on the model");
+  // As Safari does when something moves beneath a pointer that rests.
+  await drawing.evaluate(async (canvas) => {
+    for (const name of ["pointermove", "pointerleave"]) canvas.dispatchEvent(new PointerEvent(name, { ...globalThis.rested, pointerType: "mouse" }));
+    await new Promise(requestAnimationFrame);
+  });
+  assert.deepEqual(await coordinatesOf(drawing), spot, "the cursor stays where the keys moved it");
   await drawing.hover({ position: { x: width - 3, y: 3 } });
   await detail.locator(".plot-read").getByText("height").waitFor();
   assert.ok((await marks()) === unmarked, "it is no longer marked");

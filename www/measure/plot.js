@@ -48,6 +48,8 @@ export class Plot extends HTMLElement {
   #held = new Map();
   /** Where the pointer is, until the next frame. @type {number[] | null} */
   #hovered = null;
+  /** Where the pointer was last, in the window. */
+  #rested = "";
   #isResized = false;
   #frame = 0;
   #canvas = document.createElement("canvas");
@@ -108,7 +110,8 @@ export class Plot extends HTMLElement {
     on(["pointerdown"], (event) => this.#press(event));
     on(["pointermove"], (event) => this.#move(event));
     on(["pointerup", "pointercancel", "lostpointercapture"], ({ pointerId }) => this.#held.delete(pointerId));
-    on(["pointerleave"], ({ pointerType, buttons }) => pointerType !== "touch" && !buttons && this.#hover(null));
+    // A cursor that the keys moved stays.
+    on(["pointerleave"], ({ pointerType, buttons }) => pointerType !== "touch" && !buttons && this.#hovered && this.#hover(null));
     on(["keydown"], (event) => this.#key(event));
     on(["wheel"], (event) => this.#wheel(event));
     on(["dblclick"], () => this.#fit());
@@ -183,6 +186,11 @@ export class Plot extends HTMLElement {
 
   /** One pointer that is pressed moves the drawing, two zoom it. @param {PointerEvent} event */
   #move(event) {
+    // Safari also reports a pointer that rests, when something else moved beneath it: that would take the cursor from the keys.
+    const place = `${event.clientX} ${event.clientY}`;
+    const rests = this.#rested === place;
+    this.#rested = place;
+    if (rests) return;
     if (event.buttons === 0) this.#held.delete(event.pointerId);
     const now = this.#pixel(event);
     const was = this.#held.get(event.pointerId);
