@@ -9,6 +9,7 @@
 //! The short form has to end in 25 minutes on two cores, so that a change is judged while its author still thinks of it. `--long` gives every
 //! suite its full numbers: it finds what is rare, and is run before a release.
 
+mod failures;
 mod processors;
 mod properties;
 mod soak;
@@ -18,6 +19,7 @@ mod trust;
 use crate::process::{Ended, cargo, command, kilwa, on_path, output, root, run as run_command, watch};
 use crate::{demo, fuzz, setup, web};
 use anyhow::{Result, bail};
+use failures::{Failure, Failures};
 use processors::Ticks;
 use std::fs;
 use std::path::PathBuf;
@@ -165,7 +167,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     report(&rows)
 }
 
-/// Prints the table, the skips and the closing line; an error when anything failed.
+/// Prints the table, the skips, what failed and the closing line; an error when anything failed.
 fn report(rows: &[Row]) -> Result<()> {
     println!("\n{:<14} {:>8} {:>7} {:>7} {:>7} {:>8}  ", "stage", "seconds", "busy", "passed", "failed", "skipped");
     let mut total = Tally::default();
@@ -185,6 +187,12 @@ fn report(rows: &[Row]) -> Result<()> {
     }
     for skip in &total.skips {
         println!("skipped: {skip}");
+    }
+    for Failure { name, lines } in total.failures.all() {
+        println!("\nfailed: {name}");
+        for line in lines {
+            println!("{line}");
+        }
     }
     let seconds: f64 = rows.iter().map(|row| row.took.as_secs_f64()).sum();
     println!("\nall stages took {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
@@ -377,7 +385,9 @@ fn python_package(folder: &str, packages: &str, options: &[&str], length: Length
 /// An error as a count, after it was shown.
 fn failure(error: &anyhow::Error) -> Tally {
     println!("FAILED: {error:#}");
-    Tally::of(0, 1)
+    let mut tally = Tally::of(0, 1);
+    tally.failures = Failures::of(format!("{error:#}"));
+    tally
 }
 
 /// A stage that is not a suite: it holds or it does not.

@@ -5,6 +5,7 @@
 //! excepted, which indents its own and, deeper, what the tests printed, another runner's closing line included), so that nothing is
 //! counted twice.
 
+use super::failures::Failures;
 use std::collections::BTreeSet;
 
 /// What a test prints, in any case, before the reason when it cannot run here, for example because `../shared/data` does not exist.
@@ -21,6 +22,8 @@ pub(crate) struct Tally {
     pub(crate) left_out: u64,
     /// What tests report as skipped, sorted, each once; with the test's name if the runner prints it.
     pub(crate) skips: BTreeSet<String>,
+    /// What was printed of failed tests.
+    pub(crate) failures: Failures,
     /// The test whose output follows (nextest's heading).
     current: String,
 }
@@ -42,11 +45,13 @@ impl Tally {
         self.failed += other.failed;
         self.left_out += other.left_out;
         self.skips.extend(other.skips);
+        self.failures.extend(other.failures);
     }
 
     /// Takes one line of a runner's output into account.
     pub(crate) fn read(&mut self, line: &str) {
         let line = line.trim_end();
+        self.failures.read(line);
         if let Some(test) = nextest_heading(line) {
             test.clone_into(&mut self.current);
         }
