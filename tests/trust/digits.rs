@@ -82,6 +82,27 @@ fn a_height_above_an_upright_plane_is_as_certain_as_above_a_level_one() {
 }
 
 #[test]
+fn the_scatter_of_points_round_a_circle_costs_no_digits_of_its_own() {
+    let p = phantom("cube", "origin");
+    // On the top of the cube, 0.3 m from its middle, give or take 20 mm.
+    let ring: Vec<[f64; 3]> = (0..6)
+        .map(|k| {
+            let (sin, cos) = (f64::from(k) * std::f64::consts::FRAC_PI_3).sin_cos();
+            let radius = if k % 2 == 0 { 0.32 } else { 0.28 };
+            [0.5 + radius * cos, 0.5 + radius * sin, 1.0]
+        })
+        .collect();
+    for options in [&["circle"][..], &["circle", "--pointing", "0.01"]] {
+        let found = measure(&p, options, &ring);
+        let radius = &found["readings"][0];
+        let (uncertainty, resolution) =
+            (radius["uncertainty"].as_f64().unwrap(), radius["resolution"].as_f64().unwrap());
+        // The spacing, 0.0625 m, is larger than the scatter.
+        assert!(resolution > uncertainty && resolution < 0.0625, "{options:?}: {radius}");
+    }
+}
+
+#[test]
 fn the_way_of_a_profile_between_picked_points_is_as_uncertain_as_their_distance() {
     let folder = tempfile::tempdir().unwrap();
     let document = folder.path().join("profile.json");

@@ -64,8 +64,8 @@ const SMOOTH: f64 = 0.1;
 
 /// The standard uncertainty of `f` at the given points, if each coordinate of a point has the independent standard uncertainty that `per_axis` gives
 /// for it (JCGM 100:2008 "GUM", 5.1.2; the derivatives by central differences over one uncertainty, at least a
-/// millionth of the extent). Where `f` turns round next to the points, as the angle of two planes does at 90 degrees, central differences vanish and the
-/// larger of the differences to either side counts. Where `f` has no value next to the points, that direction is left out.
+/// millionth of the extent). Where `f` has an extremum or bends sharply, as the angle of two planes does at 90 degrees, central differences are too small,
+/// and the larger of the differences to either side counts. Where `f` has no value next to the points, that direction is left out.
 pub fn propagate<const N: usize>(
     points: &[DVec3],
     per_axis: &[f64],
@@ -89,8 +89,8 @@ pub fn propagate<const N: usize>(
             let behind = f(&moved);
             moved[i][k] = points[i][k];
             if let (Some(a), Some(b)) = (ahead, behind) {
-                for (k, sum) in squares.iter_mut().enumerate() {
-                    let (fore, back) = (a[k] - here[k], here[k] - b[k]);
+                for (j, sum) in squares.iter_mut().enumerate() {
+                    let (fore, back) = (a[j] - here[j], here[j] - b[j]);
                     let larger = fore.abs().max(back.abs());
                     let is_smooth = (fore - back).abs() <= SMOOTH * larger;
                     let change = if is_smooth { 0.5 * (fore + back) } else { larger };
@@ -157,12 +157,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_function_that_turns_round_is_as_uncertain_as_beside_its_turn() {
+    fn at_a_kink_a_function_is_as_uncertain_as_beside_it() {
         let spread = |x: f64| propagate(&[DVec3::new(x, 0.0, 0.0)], &[0.01], |p| Some([p[0].x.abs()]))[0];
         for x in [0.0, 0.001, -0.004, 0.006, 1.0] {
             assert!((spread(x) - 0.01).abs() < 1e-12, "at {x}: {}", spread(x));
         }
-        // A smooth turn has no slope, but what a step changes.
+        // At a smooth extremum the slope is zero; the change over one step counts.
         let [of_square] = propagate(&[DVec3::ZERO], &[0.01], |p| Some([p[0].x * p[0].x]));
         assert!((of_square - 1e-4).abs() < 1e-12, "{of_square}");
     }

@@ -122,7 +122,7 @@ fn height(points: &[DVec3], per_axis: &[f64]) -> Result<Vec<Reading>, Refusal> {
         let plane = Plane::fit(rest)?.plane;
         Ok::<_, Refusal>((plane.distance(*last), plane.normal))
     };
-    // The normal of an upright plane has no clear sign: the smallest change of a point may turn it round.
+    // The normal of an upright plane has no clear sign: the smallest change of a point may reverse it.
     let (_, towards) = above(points)?;
     readings([("height", Dimension::Length)], points, per_axis, |p| {
         let (height, normal) = above(p)?;
@@ -211,7 +211,7 @@ mod tests {
             );
         }
         let turned: Vec<DVec3> = wall[..3].iter().chain(&up[..3]).copied().collect();
-        // The angle of two planes turns round at 90°, where they are no more certain than beside it; so does a slope at 0°.
+        // The angle of two planes has a kink at 90°, where it is no more certain than beside it; so has a slope at 0°.
         let planes = read(PointTool::PlaneAngle, &turned);
         // The level triangle is 1 m wide and the upright one 3 m high: the square root of two times 2 mm over each is 0.17°.
         assert_eq!(planes[0], "angle 90.00 ± 0.17 °");

@@ -137,10 +137,14 @@ impl<'a, L: Leaves> Subject<'a, L> {
     /// What a tool finds on the points of a task, and what the spacing of the mesh supports of it, which does not depend on pointing.
     fn on_points(&self, task: &Task, tool: PointTool) -> Result<Vec<Reading>, Refusal> {
         let mut readings = tool.measure(&task.local, &self.space, &self.per_axis(task))?;
-        if self.point.capture.is_none() && !task.pointing.is_empty() {
-            let without = tool.measure(&task.local, &self.space, &self.point.of_points(&[], task.local.len()))?;
+        // The scatter of the points round a circle does not grow with the spacing.
+        let is_circle = tool == PointTool::Circle;
+        if self.point.capture.is_none() && (is_circle || !task.pointing.is_empty()) {
+            let each = if is_circle { self.leaves.index().metadata().median_edge } else { self.point.combined() };
+            let without = tool.measure(&task.local, &self.space, &vec![each; task.local.len()])?;
             for (reading, without) in readings.iter_mut().zip(without) {
-                reading.resolution = self.resolution(without.quantity.uncertainty);
+                let own = without.quantity.uncertainty;
+                reading.resolution = if is_circle { Some(own).filter(|u| *u > 0.0) } else { self.resolution(own) };
             }
         }
         Ok(readings)
