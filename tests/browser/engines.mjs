@@ -279,8 +279,8 @@ async function webkitSession(server, { size: [width, height] = [800, 600] } = {}
     // As Playwright does: what is covered for a moment, or drawn anew meanwhile, is tried again.
     clickOn: (role, name) =>
       poll(async () => {
+        const element = await find(role, name).catch(() => null);
         try {
-          const element = await find(role, name);
           await element?.click();
           return element !== null;
         } catch (error) {

@@ -62,7 +62,8 @@ function inEach(name, options, run, same) {
         }
         assert.deepEqual(await session.complaints(), []);
       } catch (error) {
-        error.message += `\n${await stateOf(session).catch((why) => `no state of the page: ${why}`)}`;
+        const late = new Promise((resolve) => setTimeout(resolve, 5000, "the page did not answer").unref());
+        error.message += `\n${await Promise.race([stateOf(session), late]).catch((why) => `no state of the page: ${why}`)}`;
         throw error;
       } finally {
         await close();

@@ -415,17 +415,11 @@ test("a section is drawn in its row: the cursor shows places of the model, by ke
   await openTab(page, "Measure");
   const detail = await openRow(page, "Section 1");
   const drawing = detail.getByRole("slider", { name: "Drawing of Section 1" });
-  /** The picture of the marks, when it has been the same for ten frames: what is hidden is dimmed a little later. */
-  const marks = () =>
-    page.locator("#marks").evaluate(async (canvas) => {
-      for (let [last, same] = ["", 0]; ; ) {
-        const now = canvas.toDataURL();
-        same = now === last ? same + 1 : 0;
-        if (same === 10) return now;
-        last = now;
-        await new Promise(requestAnimationFrame);
-      }
-    });
+  /** The picture of the marks, when the model is drawn in full and it is known what it hides. */
+  const marks = async () => {
+    await page.waitForFunction(() => globalThis.kilwa.api.stats().settled && document.getElementById("marks").dataset.settled);
+    return page.locator("#marks").evaluate((canvas) => canvas.toDataURL());
+  };
   const { width, height } = await drawing.boundingBox();
   await drawing.evaluate((canvas) => {
     canvas.addEventListener("pointermove", ({ clientX, clientY }) => {

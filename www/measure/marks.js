@@ -144,6 +144,7 @@ export class Marks {
     const seen = `${cameraKey(this.viewer.camera())} ${width} ${height} ${picture} ${this.version} ${this.on.pins().join()}`;
     if (seen === this.seen) return;
     this.seen = seen;
+    delete $("marks").dataset.settled;
     for (const shape of this.shapes) this.#project(shape);
     this.#arrange();
     this.#paint();
@@ -172,16 +173,19 @@ export class Marks {
     return this.viewer.isHidden(x, y, z, 2 * this.error + SLACK * Math.abs(depth));
   }
 
-  /** Find hidden places, a few at a time. */
+  /** Find hidden places, a few at a time; the canvas says when all are found. */
   #look() {
     clearTimeout(this.timer);
-    if (this.session.closed || this.queue.length === 0) return;
+    if (this.session.closed) return;
+    const isIdle = this.queue.length === 0;
     const until = performance.now() + PATIENCE;
     while (this.queue.length > 0 && performance.now() < until) this.queue.shift()?.();
     if (this.queue.length > 0) {
       this.timer = setTimeout(() => this.#look(), 16);
       return;
     }
+    $("marks").dataset.settled = "true";
+    if (isIdle) return;
     this.#arrange();
     this.#paint();
     this.#place();

@@ -190,7 +190,7 @@ export class Plot extends HTMLElement {
     const place = `${event.clientX} ${event.clientY}`;
     const rests = this.#rested === place;
     this.#rested = place;
-    if (rests) return;
+    if (rests && this.#cursor && !this.#hovered) return;
     if (event.buttons === 0) this.#held.delete(event.pointerId);
     const now = this.#pixel(event);
     const was = this.#held.get(event.pointerId);
