@@ -16,7 +16,7 @@ mod soak;
 pub(crate) mod tally;
 mod trust;
 
-use crate::process::{Ended, cargo, command, kilwa, on_path, output, root, run as run_command, watch};
+use crate::process::{Ended, cargo, command, kilwa, on_path, output, root, run as run_command, shown, watch};
 use crate::{demo, fuzz, setup, web};
 use anyhow::{Result, bail};
 use failures::{Failure, Failures};
@@ -404,7 +404,10 @@ fn counted(command: &mut Command, limit: Duration) -> Result<Tally> {
         !is_noise(line)
     })?;
     match ended {
-        Ended::Late => tally.failed += 1,
+        Ended::Late => {
+            tally.failed += 1;
+            tally.failures.extend(Failures::of(format!("`{}` took too long", shown(command))));
+        }
         Ended::Badly if tally.failed == 0 => bail!("the runner failed before or after its tests; see above"),
         Ended::Badly | Ended::Well => {}
     }

@@ -21,6 +21,8 @@ pub(crate) struct Failures {
     all: Vec<Failure>,
     /// The runner whose output of the last failure follows.
     open: Option<Runner>,
+    /// Within a backtrace, whose frames say little of a failed property.
+    is_backtrace: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,7 +34,7 @@ enum Runner {
 impl Failures {
     /// A stage that failed as a whole, and why.
     pub(crate) fn of(why: String) -> Self {
-        Self { all: vec![Failure { name: why, lines: Vec::new() }], open: None }
+        Self { all: vec![Failure { name: why, lines: Vec::new() }], ..Self::default() }
     }
 
     pub(crate) fn all(&self) -> &[Failure] {
@@ -60,7 +62,7 @@ impl Failures {
         } else {
             match self.open {
                 Some(Runner::Nextest) if is_end_of_nextest(line) => self.open = None,
-                Some(Runner::Node) if line.trim() == "..." => self.open = None,
+                Some(Runner::Node) if line == "  ..." => self.open = None,
                 Some(_) => self.add(line),
                 None => {}
             }
@@ -71,46 +73,48 @@ impl Failures {
         // Nextest names its failures once more in the end.
         let is_new = self.all.iter().all(|failure| failure.name != name) && self.all.len() < FAILURES;
         self.open = is_new.then_some(runner);
+        self.is_backtrace = false;
         if is_new {
             self.all.push(Failure { name: name.to_owned(), lines: Vec::new() });
         }
     }
 
     fn add(&mut self, line: &str) {
-        if let Some(failure) = self.all.last_mut()
-            && failure.lines.len() < LINES
-            && !is_of_backtrace(line)
-        {
+        let text = line.trim_start();
+        self.is_backtrace = text == "stack backtrace:" || (self.is_backtrace && !text.starts_with("note: "));
+        let Some(failure) = self.all.last_mut().filter(|_| self.open.is_some() && !self.is_backtrace) else { return };
+        // What the test printed before comes first, and may be long.
+        if text.starts_with("thread '") && text.contains("panicked at") {
+            failure.lines.clear();
+        }
+        if failure.lines.len() < LINES && !text.is_empty() {
             failure.lines.push(line.chars().take(CHARACTERS).collect());
         }
     }
 }
 
-/// The test's name in `        FAIL [   0.021s] ( 1/14) kilwa::cli every_verb_explains_itself`.
+/// How a test ended and its name in `        FAIL [   0.021s] ( 1/14) kilwa::cli every_verb_explains_itself`; others are `TIMEOUT`, `SIGABRT` and so on.
+fn nextest_heading(line: &str) -> Option<(&str, &str)> {
+    let (status, rest) = line.trim_start().split_once(" [")?;
+    let is_status = !status.is_empty() && status.chars().all(|c| c.is_ascii_uppercase() || " +".contains(c));
+    let name = rest.split_once("] (")?.1.split_once(") ")?.1;
+    is_status.then_some((status, name))
+}
+
 fn nextest_failure(line: &str) -> Option<&str> {
-    let rest = line.trim_start().strip_prefix("FAIL [")?;
-    Some(rest.split_once("] (")?.1.split_once(") ")?.1)
+    let (status, name) = nextest_heading(line)?;
+    (!["PASS", "SLOW", "LEAK", "TERMINATING"].contains(&status)).then_some(name)
 }
 
 /// The heading of another test, or the rule before the summary.
 fn is_end_of_nextest(line: &str) -> bool {
-    let text = line.trim_start();
-    ["PASS [", "SLOW [", "TERMINATING [", "Summary [", "\u{2500}\u{2500}\u{2500}\u{2500}"]
-        .iter()
-        .any(|start| text.starts_with(start))
+    nextest_heading(line).is_some() || line.trim_start().starts_with("\u{2500}\u{2500}\u{2500}\u{2500}")
 }
 
 /// The test's name in `not ok 12 - draws a section # time=3`.
 fn node_failure(line: &str) -> Option<&str> {
     let (number, name) = line.trim_start().strip_prefix("not ok ")?.split_once(" - ")?;
     (number.parse::<u64>().is_ok() && !name.contains("# TODO")).then_some(name)
-}
-
-/// Blank lines, and the frames of a backtrace, which say little of a failed property and fill the excerpt.
-fn is_of_backtrace(line: &str) -> bool {
-    let text = line.trim_start();
-    let is_frame = text.split_once(": ").is_some_and(|(number, _)| number.parse::<u32>().is_ok());
-    text.is_empty() || is_frame || text.starts_with("at ") || text == "stack backtrace:"
 }
 
 #[cfg(test)]
@@ -134,24 +138,25 @@ mod tests {
         let log = [
             "        PASS [   0.019s] (1/3) kilwa-server metadata::a_link_stays",
             "        FAIL [   0.323s] (2/3) kilwa::whole trust::digits::one",
+            "    printed before",
             "  stderr ───",
             "",
             "    thread 'trust::digits::one' panicked at tests/trust/digits.rs:85:5:",
-            "    3 is more than 2",
+            "    at 3: more than 2",
             "    stack backtrace:",
             "       0: __rustc::rust_begin_unwind",
             "                 at /rustc/59/library/std/src/panicking.rs:689:5",
             "        PASS [   0.019s] (3/3) kilwa-server metadata::another",
             "  stderr ───",
             "    of another test",
+            "     TIMEOUT [ 600.000s] (3/3) kilwa-server metadata::waits",
             "────────────",
             "     Summary [   0.747s] 3 tests run: 2 passed, 1 failed, 0 skipped",
             "        FAIL [   0.323s] (2/3) kilwa::whole trust::digits::one",
             "error: test run failed",
         ];
-        let why =
-            "  stderr ───|    thread 'trust::digits::one' panicked at tests/trust/digits.rs:85:5:|    3 is more than 2";
-        assert_eq!(read(&log), [one("kilwa::whole trust::digits::one", why)]);
+        let why = "    thread 'trust::digits::one' panicked at tests/trust/digits.rs:85:5:|    at 3: more than 2";
+        assert_eq!(read(&log), [one("kilwa::whole trust::digits::one", why), one("kilwa-server metadata::waits", "")]);
     }
 
     #[test]
