@@ -109,7 +109,9 @@ export class Pack {
    */
   async range(offset, length, signal, { fresh = false, onPart = () => {}, ranges = "" } = {}) {
     const { whole } = this;
-    if (this.bytes !== null && offset + length > this.bytes) throw new PackError("cutOff", `byte ${offset + length} of ${this.bytes}`);
+    // Several stretches are asked for in any order.
+    const end = ranges ? Math.max(...ranges.split(/[-,]/).map(Number)) + 1 : offset + length;
+    if (this.bytes !== null && end > this.bytes) throw new PackError("cutOff", `byte ${end} of ${this.bytes}`);
     if (whole) {
       if (!this.reading && this.arrived < offset + length) this.#reopenWhole(whole);
       return this.#part(whole, offset, length, signal);

@@ -398,6 +398,11 @@ test("where the server has addresses for it several ranges come in one answer, i
   assert.deepEqual(Buffer.from(await ofParts(pack)), PARTS);
   assert.deepEqual(asked, ["bytes=0-65535", "/a.kilwa/200000-200099,90000-90049?key=1"]);
   assert.equal(pack.received, PARTS.length);
+  // Near the end of the file, first the last one: together they are longer than what follows their beginning.
+  behave = several(asked);
+  const near = await pack.range(299_000, 3000, undefined, { ranges: "299000-299999,100000-101999" });
+  assert.deepEqual(Buffer.from(near), Buffer.concat([FILE.subarray(299_000), FILE.subarray(100_000, 102_000)]));
+  await assert.rejects(pack.range(299_000, 3000, undefined, { ranges: "100000-101999,299001-300000" }), kind("cutOff"));
   // Who says nothing of it is asked for one range at a time.
   behave = good();
   const other = new Pack(url);
