@@ -118,7 +118,7 @@ impl Facts {
             photographs: p.photographs().map(|(included, rights)| PhotographsEntry {
                 url: format!("{}/{PHOTOGRAPHS}/", version_folder(p.version)),
                 files: included.files(),
-                bytes: included.bytes,
+                bytes: included.all_bytes(),
                 rights: rights.rights.clone(),
             }),
             figures: p.figures.clone(),

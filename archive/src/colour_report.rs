@@ -34,6 +34,14 @@ const UNIT: f64 = 1e-6;
 const TEXT_MAX: usize = 1000;
 /// Most differences that a message lists.
 const LISTED: usize = 5;
+/// Largest smaller copy of a photograph, bytes.
+pub const SMALLER_COPY_MAX: u64 = 16 << 20;
+/// Longest side of a smaller copy, pixels.
+const SMALLER_COPY_SIDE_MAX: u32 = 1 << 14;
+/// Folders of the smaller copies, with which the page of the model shows photographs: as pictures, and in lists.
+pub const PREVIEWS: &str = "photographs/previews";
+/// See [`PREVIEWS`].
+pub const PHOTOGRAPH_THUMBNAILS: &str = "photographs/thumbnails";
 /// Folder of the masks, and how many folders of a photograph's name are kept.
 const MASKS: &str = "photographs/masks";
 const FOLDERS_KEPT: usize = 3;
@@ -131,6 +139,29 @@ pub struct Refined {
     pub agreement: f64,
 }
 
+/// A smaller copy of a photograph, for the page of the model: JPEG without EXIF data.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SmallerCopy {
+    /// Its path in the version.
+    pub path: String,
+    /// Length of its file.
+    pub bytes: u64,
+    /// SHA-256 of its file.
+    pub sha256: Checksum,
+    /// Width and height, pixels.
+    pub size: [u32; 2],
+}
+
+impl SmallerCopy {
+    fn is_valid(&self) -> bool {
+        is_photograph(&self.path)
+            && self.path.ends_with(".jpg")
+            && is_sha256(&self.sha256)
+            && (1..=SMALLER_COPY_MAX).contains(&self.bytes)
+            && self.size.iter().all(|side| (1..=SMALLER_COPY_SIDE_MAX).contains(side))
+    }
+}
+
 /// A photograph that was used.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Photograph {
@@ -142,6 +173,12 @@ pub struct Photograph {
     /// Its path in the version, if the version includes it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub path: Option<String>,
+    /// A copy with the same borders and fewer pixels, if the version includes it: that of a photograph that is large.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub preview: Option<SmallerCopy>,
+    /// A copy for lists, upright according to the EXIF data, if the version includes it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thumbnail: Option<SmallerCopy>,
     /// Length of its file.
     pub bytes: u64,
     /// SHA-256 of its file.
@@ -289,6 +326,11 @@ impl Photograph {
         self.seen > 0
     }
 
+    /// Its smaller copies that the version includes.
+    pub fn copies(&self) -> impl Iterator<Item = &SmallerCopy> {
+        self.preview.iter().chain(&self.thumbnail)
+    }
+
     fn check(&self) -> Result<(), String> {
         let is_text = |text: &str| !text.is_empty() && text.len() <= TEXT_MAX && !text.chars().any(char::is_control);
         if ![&self.name, &self.file].into_iter().chain(&self.mask).all(|text| is_text(text)) {
@@ -308,6 +350,11 @@ impl Photograph {
         }
         if ![&self.path, &self.mask_path].into_iter().flatten().all(|path| is_photograph(path)) {
             return Err(format!("its path must be in {PHOTOGRAPHS}, with the ending jpg or png"));
+        }
+        if self.copies().any(|copy| self.path.is_none() || !copy.is_valid()) {
+            return Err(format!(
+                "its smaller copies must be JPEG files in {PHOTOGRAPHS} with a SHA-256, at most {SMALLER_COPY_SIDE_MAX} pixels wide and high, and the photograph must have a path"
+            ));
         }
         let numbers = self.numbers();
         if !numbers.iter().all(|v| v.abs() < FAR) || self.share < 0.0 {
@@ -376,7 +423,7 @@ impl ColourReport {
         Ok(bytes)
     }
 
-    /// The photographs and masks that the version includes, each once, in the order of the report.
+    /// The photographs, masks and smaller copies that the version includes, each once, in the order of the report.
     pub fn files(&self) -> Vec<IncludedFile<'_>> {
         let mut seen = BTreeSet::new();
         let mut files = Vec::new();
@@ -387,6 +434,9 @@ impl ColourReport {
             let mask = photo.mask_path.as_deref().zip(photo.mask_bytes.zip(photo.mask_sha256.as_deref()));
             if let Some((path, (bytes, sha256))) = mask.filter(|(path, _)| seen.insert(path.to_owned())) {
                 files.push(IncludedFile { path, bytes, sha256 });
+            }
+            for copy in photo.copies().filter(|copy| seen.insert(copy.path.as_str())) {
+                files.push(IncludedFile { path: &copy.path, bytes: copy.bytes, sha256: &copy.sha256 });
             }
         }
         files
@@ -481,6 +531,12 @@ impl Paths {
     /// The path of a mask, which is a PNG file.
     pub fn mask(&mut self, name: &str, sum: &str) -> String {
         self.of(MASKS, name, "png", sum)
+    }
+
+    /// The path in `folder` of a smaller copy of the photograph at `path`.
+    pub fn copy(&mut self, folder: &str, path: &str, sum: &str) -> String {
+        let name = path.strip_prefix(PHOTOGRAPHS).unwrap_or(path);
+        self.of(folder, name, "jpg", sum)
     }
 
     fn of(&mut self, folder: &str, name: &str, ending: &str, sum: &str) -> String {

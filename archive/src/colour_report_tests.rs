@@ -133,3 +133,50 @@ fn paths_are_plain_distinct_and_the_same_for_equal_files() {
         assert!(is_photograph(&path), "{path}");
     }
 }
+
+/// A smaller copy as a report names it.
+fn copy(path: &str) -> Value {
+    json!({ "path": path, "bytes": 3, "sha256": "ee".repeat(32), "size": [24, 18] })
+}
+
+#[test]
+fn smaller_copies_are_files_of_the_version_and_counted_apart_from_the_photographs() {
+    let (preview, thumbnail) = ("photographs/previews/a.jpg", "photographs/thumbnails/a.jpg");
+    let parsed = ColourReport::parse(&report(&|v| {
+        let photo = &mut v["photographs"][0];
+        photo["path"] = "photographs/a.jpg".into();
+        (photo["preview"], photo["thumbnail"]) = (copy(preview), copy(thumbnail));
+    }));
+    let parsed = parsed.unwrap();
+    let paths: Vec<_> = parsed.files().iter().map(|file| file.path.to_owned()).collect();
+    assert_eq!(paths, ["photographs/a.jpg", preview, thumbnail]);
+    let included = crate::record::Included::of(&parsed).unwrap();
+    assert_eq!((included.photographs, included.masks, included.bytes), (1, 0, 10));
+    assert_eq!((included.copies, included.copy_bytes, included.files(), included.all_bytes()), (2, 6, 3, 16));
+    assert_eq!(ColourReport::parse(&parsed.to_bytes().unwrap()), Ok(parsed));
+}
+
+#[test]
+fn smaller_copies_that_cannot_be_shown_are_refused() {
+    for (change, published) in [
+        (&(|copy: &mut Value| copy["path"] = "photographs/a.png".into()) as &dyn Fn(&mut Value), true),
+        (&|copy| copy["path"] = "poster.jpg".into(), true),
+        (&|copy| copy["sha256"] = "ee".into(), true),
+        (&|copy| copy["bytes"] = 0.into(), true),
+        (&|copy| copy["bytes"] = (SMALLER_COPY_MAX + 1).into(), true),
+        (&|copy| copy["size"][1] = 0.into(), true),
+        (&|copy| copy["size"][0] = 100_000.into(), true),
+        // Of a photograph that was not published.
+        (&|_| {}, false),
+    ] {
+        let why = refused(&|v| {
+            let photo = &mut v["photographs"][0];
+            if published {
+                photo["path"] = "photographs/a.jpg".into();
+            }
+            photo["thumbnail"] = copy("photographs/thumbnails/a.jpg");
+            change(&mut photo["thumbnail"]);
+        });
+        assert!(why.contains("its smaller copies must be JPEG files in photographs"), "{why}");
+    }
+}

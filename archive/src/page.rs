@@ -113,6 +113,8 @@ struct Photographs<'a> {
     rights: Rights,
     /// Photographers, holder of the rights, and how to give credit.
     words: Vec<String>,
+    /// What stands beside a photograph: how to give credit, or else the photographers or the holder of the rights.
+    credit: String,
     /// Path, name, and length with the share of the coloured vertices; empty for a closed model.
     files: Vec<(&'a str, &'a str, String)>,
     /// How many of them are not listed.
@@ -142,6 +144,12 @@ impl<'a> Photographs<'a> {
                 size(included.bytes)
             ),
             rights: Rights::parse(&field.rights).ok()?,
+            credit: field
+                .credit
+                .clone()
+                .or_else(|| creators.clone())
+                .or_else(|| field.holder.clone())
+                .unwrap_or_default(),
             words: [creators, field.holder.clone(), field.credit.clone()].into_iter().flatten().collect(),
             files: files.into_iter().take(PHOTOGRAPHS_SHOWN).collect(),
             more,

@@ -3,6 +3,7 @@
 //! `plan` reads and checks everything and changes nothing; `progress` shows one bar for all stages; `pictures` draws; `write` puts the object on disk through
 //! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it, `holes` the list of the holes of its surface, `tiles` 3D Tiles, `photographs` the colour report and the photographs; `withdraw` leaves a tombstone.
 
+mod copies;
 mod holes;
 mod mapping;
 mod notes;

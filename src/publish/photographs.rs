@@ -5,10 +5,11 @@
 //! report; both happen before anything is written. Photographs are copied byte for byte, with what they state about themselves (EXIF), so neither is
 //! published without the location of the model. Only photographs that a colour comes from are included, with their masks.
 
-use super::Args;
 use super::plan::Given;
 use super::progress::{Progress, Stage};
 use super::write::copy;
+use super::{Args, copies};
+use crate::new_file::PrivateFolder;
 use anyhow::{Context, bail, ensure};
 use kilwa_archive::checksums::{Checksum, sha256_of};
 use kilwa_archive::colour_report::{COLOUR_REPORT_READ_MAX, PHOTOGRAPH_MAX, Paths, Photograph};
@@ -34,17 +35,21 @@ pub(super) struct Colours {
     /// Bytes of `colour-report.json`.
     pub(super) bytes: Vec<u8>,
     pub(super) report: ColourReport,
-    /// Photographs and masks that the version includes, each once.
+    /// Photographs, masks and smaller copies that the version includes, each once.
     pub(super) files: Vec<Found>,
     /// Their number and length.
     pub(super) included: Option<Included>,
+    /// Their paths in the version.
+    pub(super) paths: Paths,
     /// Short name of their rights.
     rights: String,
     /// Values that are probably mistakes.
-    warnings: Vec<String>,
+    pub(super) warnings: Vec<String>,
+    /// Where the smaller copies are.
+    copies: Option<PrivateFolder>,
 }
 
-/// A photograph or mask on this computer.
+/// A photograph, a mask or a smaller copy on this computer.
 pub(super) struct Found {
     pub(super) from: PathBuf,
     /// Its path in the version.
@@ -72,17 +77,27 @@ impl Colours {
         let in_report = || path.display().to_string();
         let mut report = read_report(path)?;
         let mut warnings = report.same_photographs(&of_pack.sources).with_context(in_report)?;
-        let (mut files, mut rights) = (Vec::new(), String::new());
+        let (mut files, mut paths, mut rights) = (Vec::new(), Paths::default(), String::new());
         if let Some(folder) = &args.photos {
             rights = required_rights(metadata.photographs.as_ref(), file)?;
-            files = find(folder, &mut report)?;
+            (files, paths) = find(folder, &mut report)?;
             warnings.extend(positions(&files, metadata, of_pack));
         } else {
             without_paths(&mut report);
         }
         let bytes = report.to_bytes().with_context(in_report)?;
         let included = Included::of(&report);
-        Ok(Some(Self { bytes, report, files, included, rights, warnings }))
+        Ok(Some(Self { bytes, report, files, included, paths, rights, warnings, copies: None }))
+    }
+
+    /// Add smaller copies, which the report names already, from a folder.
+    pub(super) fn add(&mut self, copies: Vec<Found>, folder: PrivateFolder) -> anyhow::Result<()> {
+        let mut paths: BTreeSet<String> = self.files.iter().map(|file| file.path.clone()).collect();
+        self.files.extend(copies.into_iter().filter(|copy| paths.insert(copy.path.clone())));
+        self.bytes = self.report.to_bytes().context("cannot add the smaller copies to the colour report")?;
+        self.included = Included::of(&self.report);
+        self.copies = Some(folder);
+        Ok(())
     }
 
     /// Compare the bytes of every file with the report. Calls `on_read` with the number of bytes that were read.
@@ -105,7 +120,7 @@ impl Colours {
 
     /// Bytes of all files that are included.
     pub(super) fn length(&self) -> u64 {
-        self.included.map_or(0, |included| included.bytes)
+        self.included.map_or(0, |included| included.all_bytes())
     }
 
     /// What is included, in words.
@@ -113,7 +128,15 @@ impl Colours {
         let included = self.included?;
         let masks = in_words(included.masks);
         let photographs = counted(included.photographs, "photograph", "photographs");
-        Some(format!("{photographs}{masks}, {} ({})", size::text(included.bytes), self.rights))
+        let copies = match included.copies {
+            0 => String::new(),
+            n => format!(
+                "; {} for the page, {}",
+                counted(n, "smaller copy", "smaller copies"),
+                size::text(included.copy_bytes)
+            ),
+        };
+        Some(format!("{photographs}{masks}, {} ({}){copies}", size::text(included.bytes), self.rights))
     }
 
     /// The report, in words.
@@ -133,6 +156,9 @@ pub(super) struct ColourFiles {
     pub(super) masks: u64,
     /// Bytes of photographs and masks.
     pub(super) photograph_bytes: u64,
+    /// Smaller copies of photographs, for the page.
+    pub(super) photograph_copies: u64,
+    pub(super) photograph_copy_bytes: u64,
 }
 
 impl ColourFiles {
@@ -143,6 +169,8 @@ impl ColourFiles {
             photographs: included.photographs,
             masks: included.masks,
             photograph_bytes: included.bytes,
+            photograph_copies: included.copies,
+            photograph_copy_bytes: included.copy_bytes,
             ..none
         })
     }
@@ -156,6 +184,10 @@ impl ColourFiles {
             let masks = in_words(self.masks);
             let photographs = counted(self.photographs, "photograph", "photographs");
             writeln!(out, "  with {photographs}{masks}, {}", size::text(self.photograph_bytes))?;
+        }
+        if self.photograph_copies > 0 {
+            let copies = counted(self.photograph_copies, "smaller copy", "smaller copies");
+            writeln!(out, "  with {copies} of them for the page, {}", size::text(self.photograph_copy_bytes))?;
         }
         Ok(())
     }
@@ -173,11 +205,12 @@ pub(super) fn announce(given: &Given, progress: &Progress) {
     }
 }
 
-/// Compare the photographs with the report, with progress.
-pub(super) fn verify(given: &Given, progress: &Progress) -> anyhow::Result<()> {
-    let Some(colours) = given.colours.as_ref().filter(|colours| !colours.files.is_empty()) else { return Ok(()) };
+/// Compare the photographs with the report, and make their smaller copies, with progress.
+pub(super) fn prepare(given: &mut Given, progress: &Progress) -> anyhow::Result<()> {
+    let Some(colours) = given.colours.as_mut().filter(|colours| !colours.files.is_empty()) else { return Ok(()) };
     progress.begin(Stage::CheckPhotographs);
-    colours.verify(&|bytes| progress.more(bytes, colours.length()))
+    colours.verify(&|bytes| progress.more(bytes, colours.length()))?;
+    copies::make(colours, progress)
 }
 
 /// Copy the photographs into the draft.
@@ -247,25 +280,31 @@ fn required_rights(field: Option<&PhotographsField>, file: &Path) -> anyhow::Res
 
 fn without_paths(report: &mut ColourReport) {
     for photo in &mut report.photographs {
-        (photo.path, photo.mask_path) = (None, None);
+        forget_paths(photo);
     }
 }
 
+/// Those of an earlier version, whose report was given.
+fn forget_paths(photo: &mut Photograph) {
+    (photo.path, photo.mask_path) = (None, None);
+    (photo.preview, photo.thumbnail) = (None, None);
+}
+
 /// Find the photographs and masks that colours come from in a folder, and give them their paths in the version.
-fn find(folder: &Path, report: &mut ColourReport) -> anyhow::Result<Vec<Found>> {
+fn find(folder: &Path, report: &mut ColourReport) -> anyhow::Result<(Vec<Found>, Paths)> {
     ensure!(folder.is_dir(), "{} is not a folder; give the folder of the photographs with --photos", folder.display());
     let mut search = Search::default();
     walk(folder, &mut search.index).with_context(|| format!("cannot read {}", folder.display()))?;
     for photo in &mut report.photographs {
         let [wanted, of_mask] = Wanted::of(photo);
-        (photo.path, photo.mask_path) = (None, None);
+        forget_paths(photo);
         if photo.is_used() {
             photo.path = wanted.map_or(Ok(None), |wanted| search.photograph(&photo.name, &wanted))?;
             photo.mask_path = of_mask.map_or(Ok(None), |wanted| search.mask(&wanted))?;
         }
     }
     refuse(&search.missing, &search.changed)?;
-    Ok(search.found)
+    Ok((search.found, search.paths))
 }
 
 /// A search for the files that a report names.

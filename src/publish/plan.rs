@@ -2,7 +2,7 @@
 
 use super::photographs::{self, Colours};
 use super::progress::Lengths;
-use super::{Args, holes, notes, tiles};
+use super::{Args, copies, holes, notes, tiles};
 use crate::redact::{self, Place};
 use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
@@ -230,7 +230,9 @@ impl Plan {
     fn check_disk(&self, args: &Args) -> anyhow::Result<()> {
         let shelf = &args.to;
         let Lengths { pack, photographs } = self.given.lengths();
-        let needed = pack + photographs + self.page.bytes() + RESERVE + tiles::need(args, &self.given);
+        let included = self.given.colours.as_ref().and_then(|colours| colours.included);
+        let copies = copies::expected_bytes(included.map_or(0, |included| included.photographs));
+        let needed = pack + photographs + copies + self.page.bytes() + RESERVE + tiles::need(args, &self.given);
         let at = match self.facts.before {
             Some(_) => shelf.join(self.facts.slug.as_str()),
             None => nearest_there(shelf)?,

@@ -16,6 +16,8 @@ const SENT: f64 = 5e6;
 const TILED: f64 = 10e6;
 /// Bytes per second at which photographs are copied and read again.
 const PHOTOGRAPHED: f64 = 250e6;
+/// Bytes of photographs per second of which smaller copies are made.
+const REDUCED: f64 = 30e6;
 /// Seconds for the pictures of a small pack, and bytes of the pack for each further second: drawing time grows more slowly than the pack.
 const PICTURES: f64 = 8.0;
 const DRAWN: f64 = 200e6;
@@ -42,6 +44,8 @@ impl From<u64> for Lengths {
 pub(super) enum Stage {
     Check,
     CheckPhotographs,
+    /// Making smaller copies of photographs.
+    SmallerCopies,
     Copy,
     /// Writing the pack without its location, and checking the result.
     Redact,
@@ -61,6 +65,7 @@ impl Stage {
         match self {
             Self::Check => "checking the pack",
             Self::CheckPhotographs => "checking the photographs",
+            Self::SmallerCopies => "making smaller copies of the photographs",
             Self::Copy => "copying the pack",
             Self::Redact => "removing the location",
             Self::Hash => "hashing the pack",
@@ -81,6 +86,7 @@ impl Stage {
             Self::Check => pack / CHECKED,
             Self::Verify => pack / CHECKED + photographs / HASHED,
             Self::CheckPhotographs => photographs / HASHED,
+            Self::SmallerCopies => photographs / REDUCED,
             Self::Photographs => photographs / PHOTOGRAPHED,
             Self::Copy => pack / COPIED,
             Self::Redact => pack / MOVED,

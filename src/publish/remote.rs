@@ -55,14 +55,14 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     let base = address.trim_end_matches('/');
     let token = token(args)?;
     let sender = Sender::new(base, token, Patience::default());
-    let given = Given::read(args)?;
+    let mut given = Given::read(args)?;
     let at = format!("{base}/{}", given.slug);
     sender.greet(given.slug.as_str()).map_err(anyhow::Error::msg).with_context(|| at.clone())?;
     let before = manifest(&sender, given.slug.as_str(), &at)?;
     let work = crate::new_file::private_folder("kilwa-publish-").context("cannot make a temporary folder")?;
     let progress = Progress::new(&stages(&given), given.lengths());
     if !args.dry_run {
-        check(&given, &progress)?;
+        check(&mut given, &progress)?;
     }
     // Whether an earlier run has come to its end, whose answer was lost: before a note for another version is asked for.
     if let Some(report) = already(&sender, &given, before.as_ref(), &at)? {
@@ -81,7 +81,8 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
 fn stages(given: &Given) -> Vec<Stage> {
     let redact = given.place.map(|_| Stage::Redact);
     let others = [Stage::Hash, Stage::Pictures, Stage::Preview, Stage::Send, Stage::Verify];
-    let photographs = (given.lengths().photographs > 0).then_some(Stage::CheckPhotographs);
+    let has_photographs = given.lengths().photographs > 0;
+    let photographs = [Stage::CheckPhotographs, Stage::SmallerCopies].into_iter().filter(|_| has_photographs);
     [Stage::Check].into_iter().chain(photographs).chain(redact).chain(others).collect()
 }
 

@@ -32,12 +32,12 @@ pub(super) fn stages(args: &Args, plan: &Plan) -> Vec<Stage> {
     let copy = if plan.given.place.is_some() { Stage::Redact } else { Stage::Copy };
     let tiles = args.tiles.map(|_| Stage::Tiles);
     let has_photographs = plan.given.lengths().photographs > 0;
-    let [check, take] = [Stage::CheckPhotographs, Stage::Photographs].map(|stage| has_photographs.then_some(stage));
+    let of_photographs = |stage| has_photographs.then_some(stage);
     let mut all = vec![Stage::Check];
-    all.extend(check);
+    all.extend([Stage::CheckPhotographs, Stage::SmallerCopies].into_iter().filter_map(of_photographs));
     all.extend([copy, Stage::Hash, Stage::Pictures, Stage::Preview]);
     all.extend(tiles);
-    all.extend(take);
+    all.extend(of_photographs(Stage::Photographs));
     all.push(Stage::Records);
     all
 }
@@ -53,7 +53,7 @@ type Picture<'a> = &'a dyn Fn(&Path, &Path, &Plan) -> anyhow::Result<Pictured>;
 /// published at that moment.
 fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<'_>) -> anyhow::Result<Report> {
     let (shelf, slug) = (&args.to, plan.facts.slug.clone());
-    check(&plan.given, progress)?;
+    check(&mut plan.given, progress)?;
     photographs::announce(&plan.given, progress);
     let say = |_: &str| Ok(());
     // Removed again if nothing is published to it.
@@ -277,12 +277,12 @@ pub(super) fn without_place(plan: &Plan, to: &Path, progress: &Progress) -> anyh
     Ok(Some(taken))
 }
 
-/// Check the pack and the photographs.
-pub(super) fn check(given: &Given, progress: &Progress) -> anyhow::Result<()> {
+/// Check the pack and the photographs, and make the smaller copies of these.
+pub(super) fn check(given: &mut Given, progress: &Progress) -> anyhow::Result<()> {
     let all = given.pack_bytes;
     progress.begin(Stage::Check);
     verify::sound(&given.pack, &|bytes| progress.more(bytes, all))?;
-    photographs::verify(given, progress)
+    photographs::prepare(given, progress)
 }
 
 /// Pictures and preview of a version: their paths in its folder, and what is known of them.

@@ -585,7 +585,7 @@ impl Check<'_> {
             let what = format!("{CHECKSUMS} and the colour report disagree about {photograph}");
             self.add(&path, Kind::Incomplete, what);
         }
-        let included = Included::of(&report).map(|included| (included.files(), included.bytes));
+        let included = Included::of(&report).map(|included| (included.files(), included.all_bytes()));
         if included != version.photographs.as_ref().map(|entry| (entry.files, entry.bytes)) {
             let what = format!("{MANIFEST} states another number or length of photographs than the colour report");
             self.add(&path, Kind::Incomplete, what);

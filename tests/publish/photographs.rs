@@ -32,8 +32,8 @@ pub(crate) fn coloured() -> Coloured {
     }
     let session = at("session");
     drop(std::fs::remove_dir_all(&session));
-    succeeds(&["synth", "photos", "--photos", "3", "--panoramas", "1", "--size", "96x72", "-o", text(&session)]);
-    let mask = image::GrayImage::from_fn(96, 72, |x, _| image::Luma([if x < 90 { 255 } else { 0 }]));
+    succeeds(&["synth", "photos", "--photos", "3", "--panoramas", "1", "--size", "320x240", "-o", text(&session)]);
+    let mask = image::GrayImage::from_fn(320, 240, |x, _| image::Luma([if x < 300 { 255 } else { 0 }]));
     mask.save(made.photos.join("images/IMG_0001.mask.png")).unwrap();
     let [mesh, plain] = ["fort.ply", "fort.kilwa"].map(at);
     succeeds(&["synth", "fort", "--triangles", "6k", "-o", text(&mesh), "--force"]);
@@ -85,6 +85,7 @@ fn photographs_and_their_report_become_part_of_the_version_and_are_verified() {
     let output = bench.publish(&made.pack, WITH_RIGHTS, &[&made.options()[..], &["--json"]].concat());
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(said.contains("also publishes 3 photographs and 1 mask, "), "{said}");
+    assert!(said.contains("; 3 smaller copies for the page, "), "{said}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&report["photographs"], &report["masks"]), (&3.into(), &1.into()), "{report}");
     let object = PathBuf::from(report["object"].as_str().unwrap());
@@ -102,21 +103,33 @@ fn photographs_and_their_report_become_part_of_the_version_and_are_verified() {
         bytes += published.len();
     }
     assert_eq!(report["photograph_bytes"], bytes);
+    // A smaller copy of each, for lists; as previews, photographs of this size are themselves small enough.
+    assert_eq!(report["photograph_copies"], 3);
+    for n in 1..=3 {
+        let copy = image::open(object.join(format!("v1/photographs/thumbnails/IMG_000{n}.jpg"))).unwrap();
+        assert_eq!((copy.width(), copy.height()), (240, 180));
+    }
+    assert!(!object.join("v1/photographs/previews").exists());
+    bytes += usize::try_from(report["photograph_copy_bytes"].as_u64().unwrap()).unwrap();
     // Manifest, checksums, paradata, crate, licence and page name them.
     let version = json_of(&object.join("manifest.json"))["versions"][0].clone();
     assert_eq!(version["colour_report"]["url"], "v1/colour-report.json");
-    assert_eq!((&version["photographs"]["files"], &version["photographs"]["bytes"]), (&4.into(), &bytes.into()));
+    assert_eq!((&version["photographs"]["files"], &version["photographs"]["bytes"]), (&7.into(), &bytes.into()));
     let read = |path: &str| std::fs::read_to_string(object.join(path)).unwrap();
-    assert_eq!(read("v1/checksums.sha256").matches("  photographs/").count(), 4);
+    assert_eq!(read("v1/checksums.sha256").matches("  photographs/").count(), 7);
     let graph = json_of(&object.join("v1/ro-crate-metadata.json"))["@graph"].clone();
     let licensed = graph.as_array().unwrap().iter().filter(|one| {
         one["license"]["@id"] == "https://creativecommons.org/licenses/by-nc/4.0/" && one["@type"] == "File"
     });
-    assert_eq!(licensed.count(), 4, "{graph}");
+    assert_eq!(licensed.count(), 7, "{graph}");
     assert!(read("v1/LICENSE.txt").contains("Photographers: Juma, Amina"));
     assert!(read("v1/README.txt").contains("3 photographs that the colours come from"));
     let page = read("index.html");
     assert!(page.contains("photographs/IMG_0002.jpg\" download>") && page.contains("A. Juma"), "{page}");
+    assert!(
+        page.contains("data-photographs=\"colour-report.json\" data-photographs-credit=\"Photographs: A. Juma\""),
+        "{page}"
+    );
     succeeds(&["verify", text(&object)]);
     // The report states neither folders of this computer nor anything else that is not part of it.
     assert!(!read("v1/colour-report.json").contains(env!("CARGO_TARGET_TMPDIR")));
@@ -342,7 +355,7 @@ fn the_report_of_kilwa_colour_states_hashes_cameras_and_its_form() {
     let sources = info["metadata"]["sources"].to_string();
     for photo in report["photographs"].as_array().unwrap() {
         assert!(sources.contains(photo["sha256"].as_str().unwrap()), "{photo}");
-        assert_eq!(photo["camera"]["size"], serde_json::json!([96, 72]));
+        assert_eq!(photo["camera"]["size"], serde_json::json!([320, 240]));
         assert!(photo["mask"].is_null() == photo["mask_sha256"].is_null(), "{photo}");
     }
 }

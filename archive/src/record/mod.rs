@@ -128,30 +128,49 @@ pub struct PublishedColours {
     pub included: Option<Included>,
 }
 
-/// Photographs and masks that a version includes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Photographs, masks and smaller copies that a version includes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Included {
     /// How many photographs.
     pub photographs: u64,
     /// How many masks, which photographs can share.
     pub masks: u64,
-    /// Bytes of all files.
+    /// Bytes of photographs and masks.
     pub bytes: u64,
+    /// How many smaller copies of photographs.
+    pub copies: u64,
+    /// Bytes of the smaller copies.
+    pub copy_bytes: u64,
 }
 
 impl Included {
     /// Those of a report; None if it names no files of the version.
     pub fn of(report: &ColourReport) -> Option<Self> {
-        let files = report.files();
         let photographs: BTreeSet<&str> = report.photographs.iter().filter_map(|photo| photo.path.as_deref()).collect();
-        let bytes = files.iter().map(|file| file.bytes).sum();
-        let masks = (files.len() - photographs.len()) as u64;
-        (!files.is_empty()).then_some(Self { photographs: photographs.len() as u64, masks, bytes })
+        let copies: BTreeSet<&str> =
+            report.photographs.iter().flat_map(|photo| photo.copies()).map(|copy| copy.path.as_str()).collect();
+        let mut included = Self::default();
+        for file in report.files() {
+            if copies.contains(file.path) {
+                included.copies += 1;
+                included.copy_bytes += file.bytes;
+                continue;
+            }
+            let count = if photographs.contains(file.path) { &mut included.photographs } else { &mut included.masks };
+            *count += 1;
+            included.bytes += file.bytes;
+        }
+        (included != Self::default()).then_some(included)
     }
 
     /// How many files there are.
     pub fn files(&self) -> u64 {
-        self.photographs + self.masks
+        self.photographs + self.masks + self.copies
+    }
+
+    /// Bytes of all files.
+    pub fn all_bytes(&self) -> u64 {
+        self.bytes + self.copy_bytes
     }
 }
 

@@ -55,7 +55,7 @@ pub(super) fn paradata(p: &Publication) -> Value {
         about["file"] = json!(COLOUR_REPORT);
         about["sha256"] = json!(colours.sha256);
         if let Some((included, rights)) = p.photographs() {
-            about["included_photographs"] = json!({ "count": included.photographs, "masks": included.masks, "bytes": included.bytes, "rights": rights });
+            about["included_photographs"] = json!({ "count": included.photographs, "masks": included.masks, "bytes": included.bytes, "smaller_copies": included.copies, "rights": rights });
         }
         all["colours"] = about;
     }

@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 /// The photographs that the version includes: whose they are, and what each file is.
 #[derive(Default)]
 pub(super) struct Photographs<'a> {
-    /// Files of photographs (`true`) and masks, with the name of the photograph.
-    names: BTreeMap<&'a str, (&'a str, bool)>,
+    /// Files of photographs, masks and smaller copies: what precedes the name of the photograph, and that name.
+    names: BTreeMap<&'a str, (&'static str, &'a str)>,
     rights: Option<&'a PhotographsField>,
 }
 
@@ -19,10 +19,11 @@ impl<'a> Photographs<'a> {
         let (Some((_, rights)), Some(colours)) = (p.photographs(), &p.colours) else { return Self::default() };
         let mut names = BTreeMap::new();
         for photo in &colours.report.photographs {
-            for (path, is_photograph) in [(&photo.mask_path, false), (&photo.path, true)] {
-                if let Some(path) = path {
-                    names.entry(path.as_str()).or_insert((photo.name.as_str(), is_photograph));
-                }
+            let own = [("Mask of ", &photo.mask_path), ("", &photo.path)];
+            let own = own.into_iter().filter_map(|(what, path)| Some((what, path.as_deref()?)));
+            let copies = photo.copies().map(|copy| ("Smaller copy of ", copy.path.as_str()));
+            for (what, path) in own.chain(copies) {
+                names.entry(path).or_insert((what, photo.name.as_str()));
             }
         }
         Self { names, rights: Some(rights) }
@@ -43,12 +44,8 @@ impl<'a> Photographs<'a> {
     }
 
     pub(super) fn describe(&self, path: &str, one: &mut Value) {
-        let (Some(rights), Some((name, is_photograph))) = (self.rights, self.names.get(path)) else { return };
-        if *is_photograph {
-            one["name"] = json!(name);
-        } else {
-            one["name"] = json!(format!("Mask of {name}"));
-        }
+        let (Some(rights), Some((what, name))) = (self.rights, self.names.get(path)) else { return };
+        one["name"] = json!(format!("{what}{name}"));
         one["license"] = json!({ "@id": rights.rights });
         if !rights.creators.is_empty() {
             let ids = (1..=rights.creators.len()).map(|n| json!({ "@id": photographer(n) }));

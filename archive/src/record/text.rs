@@ -138,6 +138,11 @@ fn files(s: &mut String, p: &Publication) {
             counted(included.photographs, "photograph", "photographs"),
             size(included.bytes)
         );
+        if included.copies > 0 {
+            s.push_str(
+                "      The folders \"previews\" and \"thumbnails\" contain smaller copies, which the page shows.\n",
+            );
+        }
     }
     if let Some(t) = &p.tiles {
         let place = if t.is_on_globe { "placed on the globe" } else { "in the coordinates of the pack" };
