@@ -54,6 +54,8 @@ const PORTS: u16 = 20;
 const HEAD_BYTES: u64 = 128 << 10;
 /// Metadata of the fort.
 const METADATA: &str = include_str!("demo.toml");
+/// What is added to it about photographs.
+const PHOTOGRAPHS: &str = "\n[photographs]\nrights = \"CC0\"\ncredit = \"Simulated by kilwa synth photos\"\n";
 /// Columns of a scan: a good half of a million samples.
 const COLUMNS: u32 = 1200;
 
@@ -87,7 +89,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     };
     let pack = make_pack(&mut times, &kilwa, &folder, from)?;
     timed(&mut times, "verify", || run_kilwa(&kilwa, &["verify"], &[&pack]))?;
-    let site = timed(&mut times, "publish", || publish(&kilwa, &folder, &pack))?;
+    let site = timed(&mut times, "publish", || publish(&kilwa, &folder, &pack, args.survey))?;
 
     let address = free_address(args.port)?;
     let served = Instant::now();
@@ -120,7 +122,7 @@ pub(crate) fn check_small(kilwa: &Path, triangles: u64) -> Result<()> {
     for from in [From::Mesh { triangles }, From::Survey(survey)] {
         let pack = make_pack(&mut Vec::new(), kilwa, &folder, from)?;
         run_kilwa(kilwa, &["verify"], &[&pack])?;
-        let site = publish(kilwa, &folder, &pack)?;
+        let site = publish(kilwa, &folder, &pack, matches!(from, From::Survey(_)))?;
         let address = free_address(8080)?;
         let server = Server::start(kilwa, &site, address)?;
         check(address, &site, &pack)?;
@@ -178,16 +180,23 @@ fn make_pack(times: &mut Vec<(&'static str, Duration)>, kilwa: &Path, folder: &P
     Ok(pack)
 }
 
-/// The archive object of the pack, in the folder that is served; kept where it is complete.
-fn publish(kilwa: &Path, folder: &Path, pack: &Path) -> Result<PathBuf> {
+/// The archive object of the pack, in the folder that is served, with the photographs of a survey; kept where it is complete.
+fn publish(kilwa: &Path, folder: &Path, pack: &Path, has_photographs: bool) -> Result<PathBuf> {
     let (site, metadata) = (folder.join("site"), folder.join("fort.toml"));
     // Replaced last when a version is published: without it there is no object.
     if site.join("fort/manifest.json").is_file() {
         println!("demo: {} of the last run is kept", site.join("fort").display());
         return Ok(site);
     }
-    fs::write(&metadata, METADATA).with_context(|| format!("cannot write {}", metadata.display()))?;
-    run_kilwa(kilwa, &["publish"], &[pack, "--to".as_ref(), &site, "--metadata".as_ref(), &metadata])?;
+    let rights = if has_photographs { PHOTOGRAPHS } else { "" };
+    fs::write(&metadata, format!("{METADATA}{rights}"))
+        .with_context(|| format!("cannot write {}", metadata.display()))?;
+    let (report, photographs) = (survey::colour_report(folder), survey::photographs(folder));
+    let mut args: Vec<&Path> = vec![pack, "--to".as_ref(), &site, "--metadata".as_ref(), &metadata];
+    if has_photographs {
+        args.extend(["--colour-report".as_ref(), &*report, "--photos".as_ref(), &photographs]);
+    }
+    run_kilwa(kilwa, &["publish"], &args)?;
     Ok(site)
 }
 

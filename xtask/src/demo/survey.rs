@@ -3,7 +3,7 @@
 use super::{remove, remove_all, run_kilwa, timed};
 use crate::process::{command, run_to};
 use anyhow::Result;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The size of the simulated survey.
@@ -20,6 +20,19 @@ pub(super) struct Survey {
     pub(super) pose_error: u32,
 }
 
+/// Folder of the simulated photographs, with their ground truth.
+const PICTURES: &str = "photographs";
+
+/// The photographs of the survey in `folder`.
+pub(super) fn photographs(folder: &Path) -> PathBuf {
+    folder.join(PICTURES).join("photos")
+}
+
+/// The report on the colours of the survey in `folder`.
+pub(super) fn colour_report(folder: &Path) -> PathBuf {
+    folder.join("colour.json")
+}
+
 /// Simulates the survey in `folder` and makes `pack` from it. Only the first station has its true pose. Leaves the survey (with all samples), the photographs and
 /// the reports beside the pack.
 pub(super) fn make(
@@ -29,22 +42,21 @@ pub(super) fn make(
     pack: &Path,
     made: Survey,
 ) -> Result<()> {
-    let [scans, pictures, survey, merged] =
-        ["scans", "photographs", "survey", "merged.kilwa"].map(|name| folder.join(name));
-    let [registered, merge, colour, report] =
-        ["registration.html", "merge.json", "colour.json", "report.html"].map(|name| folder.join(name));
+    let [scans, pictures, survey, merged] = ["scans", PICTURES, "survey", "merged.kilwa"].map(|name| folder.join(name));
+    let [registered, merge, report] = ["registration.html", "merge.json", "report.html"].map(|name| folder.join(name));
+    let colour = colour_report(folder);
     for file in [&merged, &registered, &merge, &colour, &report] {
         remove(file)?;
     }
     remove_all(&pictures)?;
-    let Survey { stations, columns, photographs, panoramas, size: [width, height], pose_error } = made;
-    let [stations, columns, photographs, panoramas, error] =
-        [stations, columns, photographs, panoramas, pose_error].map(|n| n.to_string());
+    let Survey { stations, columns, photographs: count, panoramas, size: [width, height], pose_error } = made;
+    let [stations, columns, count, panoramas, error] =
+        [stations, columns, count, panoramas, pose_error].map(|n| n.to_string());
     let synth = ["synth", "scans", "--poses", "rough", "--surveyed", "1"];
     let args = [&synth[..], &["--stations", &stations, "--columns", &columns, "-o"]].concat();
     timed(times, "scan", || run_kilwa(kilwa, &args, &[&scans]))?;
     let size = format!("{width}x{height}");
-    let synth = ["synth", "photos", "--photos", &photographs, "--panoramas", &panoramas];
+    let synth = ["synth", "photos", "--photos", &count, "--panoramas", &panoramas];
     let args = [&synth[..], &["--size", &size, "--pose-error", &error, "-o"]].concat();
     timed(times, "photograph", || run_kilwa(kilwa, &args, &[&pictures]))?;
     timed(times, "import", || run_kilwa(kilwa, &["scans", "import", "-o"], &[&survey, &scans]))?;
@@ -63,7 +75,7 @@ pub(super) fn make(
     timed(times, "colour", || {
         let mut command = command(&kilwa.to_string_lossy(), &["colour"])?;
         command.args(refine).args([&survey, &merged]);
-        command.arg("--photos").arg(pictures.join("photos")).arg("--report").arg(&colour);
+        command.arg("--photos").arg(photographs(folder)).arg("--report").arg(&colour);
         crate::process::run(command.arg("-o").arg(pack))
     })?;
     remove(&merged)?;
