@@ -221,7 +221,7 @@ class Page {
     await this.draw();
     const published = (/** @type {string} */ name) => this.parameters.get(name) ?? document.body.dataset[name];
     await this.person.publish(published("annotations"));
-    await this.person.offer(published("holes"));
+    await this.person.offer(published("holes"), published("photographs"));
   }
 
   /**
@@ -243,6 +243,7 @@ class Page {
     const { current } = this;
     current.scene?.close();
     current.holes?.close();
+    current.photographs?.close();
     current.notes?.tour.close();
     current.notes?.closeForm();
     this.measuring.close();
@@ -288,6 +289,7 @@ class Page {
     this.current.scene = scene;
     notes.attach(scene);
     this.current.holes?.attach(scene);
+    this.current.photographs?.attach(scene);
     this.look.attach(scene, model);
     this.section.attach(scene);
     this.#settle();

@@ -3,6 +3,7 @@
 /** @import { Holes } from "./holes.js" */
 /** @import { Model } from "./model.js" */
 /** @import { Notes } from "./notes.js" */
+/** @import { Photographs } from "./photographs/photographs.js" */
 /** @import { Saved } from "./saved.js" */
 /** @import { Scene } from "./scene.js" */
 /** @import { PackSource } from "./types/page.js" */
@@ -20,6 +21,8 @@ export class Current {
     this.notes = null;
     /** Where a list of them was given. @type {Holes | null} */
     this.holes = null;
+    /** Where a colour report was named. @type {Photographs | null} */
+    this.photographs = null;
     /** @type {Scene | null} */
     this.scene = null;
   }

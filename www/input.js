@@ -41,6 +41,8 @@ export class Input {
     /** @type {Tool} */
     this.tool = "orbit";
     this.isFree = false;
+    /** Whether the eye stays where it is: drags look about, the wheel changes the opening angle. */
+    this.stays = false;
     /** The crosshair, in pixels of the picture, while the keyboard points. @type {[number, number] | null} */
     this.point = null;
     /** @type {Map<number, Pointer>} */
@@ -145,9 +147,11 @@ export class Input {
   turn(dx, dy) {
     const scale = TURN / this.canvas.height;
     // The model follows the pointer: to the right means that the eye goes round to the left.
-    if (this.walk.on) {
-      const reach = this.viewer.camera().fieldOfView / this.canvas.height;
-      this.viewer.look(-dx * reach, -dy * reach);
+    if (this.walk.on || this.stays) {
+      const { fieldOfView, roll } = this.viewer.camera();
+      const reach = fieldOfView / this.canvas.height;
+      const [sine, cosine] = [Math.sin(roll) * reach, Math.cos(roll) * reach];
+      this.viewer.look(-dx * cosine - dy * sine, dx * sine - dy * cosine);
     } else if (this.isFree) {
       this.viewer.turnFree(dx * scale, dy * scale, 0);
     } else {
@@ -168,9 +172,11 @@ export class Input {
       this.turn(to[0] - from[0], 0);
       return;
     }
-    this.viewer.pan(to[0] - from[0], to[1] - from[1]);
+    if (this.stays) this.turn(to[0] - from[0], to[1] - from[1]);
+    else this.viewer.pan(to[0] - from[0], to[1] - from[1]);
     const apart = (/** @type {Pointer} */ a, /** @type {Pointer} */ b) => Math.max(Math.hypot(a.x - b.x, a.y - b.y), 1);
-    this.viewer.zoom(apart(a0, b0) / apart(a1, b1), to[0], to[1]);
+    this.zoomAt(apart(a0, b0) / apart(a1, b1), to[0], to[1]);
+    if (this.stays) return;
     const angle = (/** @type {Pointer} */ a, /** @type {Pointer} */ b) => Math.atan2(b.y - a.y, b.x - a.x);
     const twist = angle(a1, b1) - angle(a0, b0);
     const turned = Math.atan2(Math.sin(twist), Math.cos(twist));
@@ -239,9 +245,24 @@ export class Input {
       this.walk.roll(-delta * 0.002);
       return;
     }
-    this.viewer.zoom(Math.exp(delta * 0.0016), x, y);
+    this.zoomAt(Math.exp(delta * 0.0016), x, y);
     this.session.wake();
     this.actions.hover(x, y);
+  }
+
+  /**
+   * Come nearer to what a pixel shows, or narrow the opening angle.
+   * @param {number} factor
+   * @param {number} x
+   * @param {number} y
+   */
+  zoomAt(factor, x, y) {
+    if (!this.stays) {
+      this.viewer.zoom(factor, x, y);
+      return;
+    }
+    const camera = this.viewer.camera();
+    this.viewer.setCamera({ ...camera, fieldOfView: Math.max(0.02, Math.min(2.4, camera.fieldOfView * factor)) });
   }
 
   /**
@@ -252,7 +273,7 @@ export class Input {
     this.flight.mark(true);
     this.flight.stop();
     if (this.walk.on) this.walk.step(factor < 1 ? "forward" : "back");
-    else this.viewer.zoom(factor, this.canvas.width / 2, this.canvas.height / 2);
+    else this.zoomAt(factor, this.canvas.width / 2, this.canvas.height / 2);
     this.session.wake();
   }
 
@@ -342,6 +363,9 @@ export class Input {
     if (event.shiftKey) {
       const pixels = this.canvas.height * KEY_MOVE;
       this.viewer.pan(dx * pixels, dy * pixels);
+    } else if (this.stays) {
+      const by = this.canvas.height * KEY_MOVE;
+      this.turn(-dx * by, -dy * by);
     } else if (this.isFree) {
       this.viewer.turnFree(dx * KEY_TURN, dy * KEY_TURN, 0);
     } else {

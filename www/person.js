@@ -57,12 +57,18 @@ export class Person {
   }
 
   /**
-   * The list of holes that the host publishes beside the pack.
-   * @param {string | undefined} address
+   * The list of holes and the colour report that the host publishes beside the pack.
+   * @param {string | undefined} holes
+   * @param {string | undefined} report
    */
-  async offer(address) {
+  async offer(holes, report) {
     const { pack } = this.current;
-    if (address && pack && !pack.isLocal) (await import("./holes.js")).offer(this.current, () => fetchPublished(address, pack.url), false);
+    if (!pack || pack.isLocal) return;
+    if (holes) (await import("./holes.js")).offer(this.current, () => fetchPublished(holes, pack.url), false);
+    if (report)
+      (await import("./photographs/photographs.js")).offer(this.current, new URL(report, new URL(pack.url, location.href)), () =>
+        fetchPublished(report, pack.url),
+      );
   }
 
   /**

@@ -15,7 +15,7 @@ const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 /** The page's messages as it reads them, with those that it loads later. */
 async function messages(language) {
   const read = async (name) => JSON.parse(await readFile(path.join(BUILT, `i18n/${name}.json`), "utf8"));
-  return { ...(await read(language)), ...(await read(`holes-${language}`)) };
+  return { ...(await read(language)), ...(await read(`holes-${language}`)), ...(await read(`photographs-${language}`)) };
 }
 
 /** Plural forms in a message. */
@@ -28,7 +28,9 @@ function choices(message) {
 
 async function sources() {
   const names = (await readdir(WWW)).filter((n) => n.endsWith(".js") || n === "index.html");
-  names.push(...(await readdir(path.join(WWW, "measure"))).filter((n) => n.endsWith(".js")).map((n) => `measure/${n}`));
+  for (const folder of ["measure", "photographs"]) {
+    names.push(...(await readdir(path.join(WWW, folder))).filter((n) => n.endsWith(".js")).map((n) => `${folder}/${n}`));
+  }
   const own = await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")));
   // The landing page and the server's own pages have elements that name their strings in the same way.
   const folders = ["../archive/src", "../archive/templates", "../server/src", "../server/templates"].map((folder) => path.join(WWW, folder));
@@ -54,7 +56,7 @@ test("every language has a folder, a place in the menu and a type", async () => 
   assert.deepEqual(folders.sort(), [...LANGUAGES].sort());
   assert.deepEqual(
     (await readdir(path.join(BUILT, "i18n"))).filter((n) => n.endsWith(".json")).sort(),
-    LANGUAGES.flatMap((l) => [`${l}.json`, `holes-${l}.json`]).sort(),
+    LANGUAGES.flatMap((l) => [`${l}.json`, `holes-${l}.json`, `photographs-${l}.json`]).sort(),
   );
   const [html, types] = await Promise.all(["index.html", "kilwa-viewer.d.ts"].map((name) => readFile(path.join(WWW, name), "utf8")));
   const { LANGUAGES: offered } = await import(path.join(WWW, "language.js"));

@@ -3,13 +3,13 @@
 // which program.js and the worker of the measuring tools load by address, and are only made smaller; so are the style sheets. That of the decoder is part of
 // its worker, which would wait for a second answer.
 import { build, transform } from "esbuild";
-import { readFile, writeFile } from "node:fs/promises";
+import { copyFile, readFile, writeFile } from "node:fs/promises";
 import { basename, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
 const [, , www, out, ...glue] = process.argv;
 const decoder = glue.find((path) => basename(path) === "decode.js");
-const common = { outdir: out, bundle: true, format: "esm", target: "es2022", minify: true, charset: "utf8", logLevel: "warning" };
+const common = { outdir: out, bundle: true, format: "esm", target: "es2022", minify: true, charset: "utf8", legalComments: "none", logLevel: "warning" };
 // Other people's pages load this one alone, perhaps as a copy: it shares no chunk with the viewer.
 await build({ ...common, entryPoints: [join(www, "kilwa-viewer.js")] });
 const entries = ["boot.js", "app.js", "decode-worker.js", "measure/worker.js"];
@@ -17,18 +17,22 @@ const result = await build({
   ...common,
   entryPoints: entries.map((name) => join(www, name)),
   splitting: true,
-  chunkNames: "chunk-[hash]",
+  chunkNames: "[name]-[hash]",
   external: ["../measure.js", "../measure-points.js", "./decode-points.js"],
   plugins: [{ name: "decoder", setup: (bundle) => bundle.onResolve({ filter: /^\.\/decode\.js$/ }, () => ({ path: decoder })) }],
   // lit-html lies beside this file.
   nodePaths: [fileURLToPath(new URL("node_modules", import.meta.url))],
   metafile: true,
 });
+// The licences of other people's modules, as files of their own: visitors do not wait for them.
+for (const name of ["lit-html", "uqr"]) {
+  await copyFile(fileURLToPath(new URL(`node_modules/${name}/LICENSE`, import.meta.url)), join(out, `LICENSE-${name}.txt`));
+}
 for (const path of glue.filter((path) => path !== decoder)) {
   const { code } = await transform(await readFile(path, "utf8"), { minify: true, format: "esm", target: "es2022", charset: "utf8" });
   await writeFile(join(out, basename(path)), code);
 }
-for (const name of ["style.css", "measure.css"]) {
+for (const name of ["style.css", "measure.css", "photographs.css"]) {
   const { code } = await transform(await readFile(join(www, name), "utf8"), { minify: true, loader: "css", target: "es2022", charset: "utf8" });
   await writeFile(join(out, name), code);
 }

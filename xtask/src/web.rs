@@ -97,6 +97,8 @@ const FIRST_GZ_MAX: u64 = 90_000;
 /// Budget of the parts that the page loads when they are first used (tools, dialogs, embedding), together. No visitor waits for all of them: measuring, the
 /// largest, is about half.
 const LATER_GZ_MAX: u64 = 58_000;
+/// Budget of the photographs that a model was coloured from, which only pages of such models load.
+const PHOTOGRAPHS_GZ_MAX: u64 = 12_000;
 /// Files of the first load that `index.html` does not name: [`first_files`].
 const FIRST: [&str; 2] = ["index.html", "decode-worker.js"];
 
@@ -304,6 +306,8 @@ fn add_messages(page: &mut Page) -> Result<()> {
         page.insert(format!("i18n/{code}.json"), messages.into_bytes());
         let holes = kilwa_messages::holes_json(code).map_err(anyhow::Error::msg)?;
         page.insert(format!("i18n/holes-{code}.json"), holes.into_bytes());
+        let photographs = kilwa_messages::photographs_json(code).map_err(anyhow::Error::msg)?;
+        page.insert(format!("i18n/photographs-{code}.json"), photographs.into_bytes());
     }
     Ok(())
 }
@@ -401,6 +405,7 @@ fn check_sizes(page: &Page) -> Result<()> {
     println!("{:>10} {:>10}  file", "bytes", "gzipped");
     let (mut viewer, mut viewer_gl, mut decode, mut measure) = (0, 0, 0, 0);
     let (mut first, mut later, mut glue, mut language, mut holes, mut points) = (0, 0, 0, 0, 0, 0);
+    let (mut photographs, mut words_of_photographs) = (0, 0);
     let at_once = first_files(page);
     for (name, bytes) in page.iter().filter(|(name, _)| !has_extension(name, "gz") && !has_extension(name, "br")) {
         let size = gzipped(name);
@@ -414,17 +419,20 @@ fn check_sizes(page: &Page) -> Result<()> {
             // A visitor loads one of the two, and one language.
             "viewer.js" | "viewer-gl.js" => glue = size.max(glue),
             name if name.starts_with("i18n/holes-") => holes = size.max(holes),
+            name if name.starts_with("i18n/photographs-") => words_of_photographs = size.max(words_of_photographs),
             name if name.starts_with("i18n/") => language = size.max(language),
             // The page itself loads none of these.
             name if name.starts_with("examples/") || name.ends_with(".d.ts") || has_extension(name, "txt") => {}
             name if at_once.contains(name) => first += size,
+            name if name.starts_with("photographs") => photographs += size,
             _ => later += size,
         }
     }
     first += glue + language;
     later += holes;
+    photographs += words_of_photographs;
     println!(
-        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, measuring wasm {measure} of {MEASURE_GZ_MAX}, both for points {points} of {POINTS_GZ_MAX}, page without wasm {first} of {FIRST_GZ_MAX} at first and {later} of {LATER_GZ_MAX} later, bytes gzipped"
+        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, measuring wasm {measure} of {MEASURE_GZ_MAX}, both for points {points} of {POINTS_GZ_MAX}, page without wasm {first} of {FIRST_GZ_MAX} at first and {later} of {LATER_GZ_MAX} later, photographs {photographs} of {PHOTOGRAPHS_GZ_MAX}, bytes gzipped"
     );
     if viewer > VIEWER_GZ_MAX {
         bail!(
@@ -454,6 +462,11 @@ fn check_sizes(page: &Page) -> Result<()> {
     if later > LATER_GZ_MAX {
         bail!(
             "the parts of the page that are loaded when they are used are {later} bytes gzipped; at most {LATER_GZ_MAX} are allowed (LATER_GZ_MAX in xtask/src/web.rs)"
+        );
+    }
+    if photographs > PHOTOGRAPHS_GZ_MAX {
+        bail!(
+            "the part of the page for photographs is {photographs} bytes gzipped; at most {PHOTOGRAPHS_GZ_MAX} are allowed (PHOTOGRAPHS_GZ_MAX in xtask/src/web.rs)"
         );
     }
     Ok(())
