@@ -70,7 +70,8 @@ function straight(x, y, distortion, limit) {
 }
 
 /**
- * The unit direction that a place of a photograph sees, in the axes of its camera; null where it sees nothing.
+ * The direction that a place of a photograph sees, in the axes of its camera and of any length; null where it sees nothing. Between two places of a lens without
+ * distortion, directions lie on a straight line.
  * @param {Lens} lens
  * @param {number} x
  * @param {number} y
@@ -83,7 +84,7 @@ export function ray({ kind, focal, center, skew = 0, scale, distortion, max_angl
     const [longitude, height] = [(x - cx) / sx, (y - cy) / sy];
     if (Math.abs(longitude) > Math.PI + 1e-9) return null;
     const [sine, cosine] = [Math.sin(longitude), Math.cos(longitude)];
-    if (kind === "cylindrical") return unit([sine, height, cosine]);
+    if (kind === "cylindrical") return [sine, height, cosine];
     if (Math.abs(height) > Math.PI / 2 + 1e-9) return null;
     const level = Math.cos(height);
     return [level * sine, Math.sin(height), level * cosine];
@@ -91,22 +92,16 @@ export function ray({ kind, focal, center, skew = 0, scale, distortion, max_angl
   const [fx, fy] = focal ?? [1, 1];
   const v = (y - cy) / fy;
   const u = (x - cx - skew * v) / fx;
-  if (!distortion || distortion.kind === "none") return unit([u, v, 1]);
+  if (!distortion || distortion.kind === "none") return [u, v, 1];
   const isFisheye = distortion.kind === "fisheye";
   const angle = (widest * Math.PI) / 180;
   const found = straight(u, v, distortion, isFisheye ? angle : Math.tan(angle));
   if (!found) return null;
   const [a, b] = found;
-  if (!isFisheye) return unit([a, b, 1]);
+  if (!isFisheye) return [a, b, 1];
   const away = Math.hypot(a, b);
   const sine = away > 0 ? Math.sin(away) / away : 1;
   return [a * sine, b * sine, Math.cos(away)];
-}
-
-/** @param {Direction} v @returns {Direction} */
-function unit([x, y, z]) {
-  const length = Math.hypot(x, y, z);
-  return [x / length, y / length, z / length];
 }
 
 /**
@@ -127,12 +122,12 @@ export function border(lens, sides) {
 }
 
 /**
- * A photograph as a net of triangles round its camera: unit directions in the camera's axes, places in the picture (0 to 1, y down), and corners of triangles.
- * Between its points it is drawn straight; with these numbers of cells that is a fraction of a pixel off.
+ * A photograph as a net of triangles round its camera: directions in the camera's axes, places in the picture (0 to 1, y down), and corners of triangles.
+ * Between its points it is drawn straight, which shifts pixels by a fraction of their size (docs/decisions/0087-photographs-over-the-model.md).
  * @param {Lens} lens
  */
 export function net(lens) {
-  const [columns, rows] = lens.kind === "pinhole" ? [64, 48] : [128, 64];
+  const [columns, rows] = lens.kind === "pinhole" ? [128, 96] : [256, 128];
   const [width, height] = lens.size;
   const directions = new Float32Array(3 * (columns + 1) * (rows + 1));
   const places = new Float32Array(2 * (columns + 1) * (rows + 1));

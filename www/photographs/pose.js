@@ -139,5 +139,5 @@ export function cameraAt({ camera: lens, axes, position }, { width, height, cove
  */
 function placeOf(direction, { right, up, forward }) {
   const ahead = dot(direction, forward);
-  return ahead < 0.1 ? null : [dot(direction, right) / ahead, dot(direction, up) / ahead];
+  return ahead < 0.1 * Math.hypot(...direction) ? null : [dot(direction, right) / ahead, dot(direction, up) / ahead];
 }
