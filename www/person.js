@@ -65,10 +65,7 @@ export class Person {
     const { pack } = this.current;
     if (!pack || pack.isLocal) return;
     if (holes) (await import("./holes.js")).offer(this.current, () => fetchPublished(holes, pack.url), false);
-    if (report)
-      (await import("./photographs/photographs.js")).offer(this.current, new URL(report, new URL(pack.url, location.href)), () =>
-        fetchPublished(report, pack.url),
-      );
+    if (report) (await import("./photographs/photographs.js")).offer(this.current, { report, pack: pack.url, read: () => fetchPublished(report, pack.url) });
   }
 
   /**

@@ -11,8 +11,8 @@ photographsCount = { $count ->
        *[other] { $count } صورة. انقر على كاميرا أو على صورة لرؤية النموذج من ذلك المكان.
     }
 photographsFailed = تعذّرت قراءة قائمة الصور: { $why }
-photographsForm = ليست تقرير الألوان لنموذج منشور
-photographBlend = الصورة
+photographsForm = هذا ليس تقرير ألوان يستطيع Kilwa قراءته
+photographBlend = عتامة الصورة
 photographPrevious = الصورة السابقة
 photographNext = الصورة التالية
 photographWhole = الدقة الكاملة ({ $size })
@@ -21,3 +21,5 @@ photographLoading = جارٍ تحميل الصورة…
 photographHelp = اسحب للنظر حولك. التكبير والتصغير يغيّران زاوية الرؤية.
 photographNone = لم تُنشر الصورة نفسها. هذا هو النموذج كما يُرى من مكان التقاطها.
 photographFailed = تعذّر تحميل الصورة: { $why }
+photographBroken = تعذّر تحميل الصورة.
+photographNoWebgl = لا يستطيع هذا المتصفح رسمها (WebGL 2).

@@ -8,8 +8,8 @@ photographsCount = { $count ->
        *[other] { $count } photographies. Cliquez sur un appareil ou une image pour voir le modèle depuis cet endroit.
     }
 photographsFailed = La liste des photographies n’a pas pu être lue : { $why }
-photographsForm = ce n’est pas le rapport de couleurs d’un modèle publié
-photographBlend = Photographie
+photographsForm = ce n’est pas un rapport de couleurs que Kilwa sait lire
+photographBlend = Opacité de la photographie
 photographPrevious = Photographie précédente
 photographNext = Photographie suivante
 photographWhole = Pleine résolution ({ $size })
@@ -18,3 +18,5 @@ photographLoading = Chargement de la photographie…
 photographHelp = Faites glisser pour regarder autour de vous. Le zoom change l’angle de vue.
 photographNone = La photographie elle-même n’a pas été publiée. Voici le modèle vu depuis le lieu de prise de vue.
 photographFailed = La photographie n’a pas pu être chargée : { $why }
+photographBroken = La photographie n’a pas pu être chargée.
+photographNoWebgl = Ce navigateur ne peut pas la dessiner (WebGL 2).

@@ -8,8 +8,8 @@ photographsCount = { $count ->
        *[other] { $count } fotografias. Clique numa câmara ou numa imagem para ver o modelo a partir dali.
     }
 photographsFailed = Não foi possível ler a lista de fotografias: { $why }
-photographsForm = não é o relatório de cores de um modelo publicado
-photographBlend = Fotografia
+photographsForm = não é um relatório de cores que o Kilwa consiga ler
+photographBlend = Opacidade da fotografia
 photographPrevious = Fotografia anterior
 photographNext = Fotografia seguinte
 photographWhole = Resolução máxima ({ $size })
@@ -18,3 +18,5 @@ photographLoading = A carregar a fotografia…
 photographHelp = Arraste para olhar em volta. O zoom altera o ângulo de visão.
 photographNone = A fotografia não foi publicada. Este é o modelo visto de onde ela foi tirada.
 photographFailed = Não foi possível carregar a fotografia: { $why }
+photographBroken = Não foi possível carregar a fotografia.
+photographNoWebgl = Este navegador não a consegue desenhar (WebGL 2).

@@ -7,8 +7,8 @@ photographsCount = { $count ->
        *[other] Picha { $count }. Bofya kamera au picha uone modeli kutoka hapo.
     }
 photographsFailed = Orodha ya picha haikuweza kusomwa: { $why }
-photographsForm = si ripoti ya rangi ya modeli iliyochapishwa
-photographBlend = Picha
+photographsForm = hii si ripoti ya rangi ambayo Kilwa inaweza kuisoma
+photographBlend = Uwazi wa picha
 photographPrevious = Picha iliyotangulia
 photographNext = Picha inayofuata
 photographWhole = Ukubwa kamili ({ $size })
@@ -17,3 +17,5 @@ photographLoading = Picha inapakiwa…
 photographHelp = Buruta kutazama pande zote. Kukuza hubadilisha pembe ya kutazama.
 photographNone = Picha yenyewe haikuchapishwa. Hii ni modeli kutoka mahali ilipopigwa.
 photographFailed = Picha haikuweza kupakiwa: { $why }
+photographBroken = Picha haikuweza kupakiwa.
+photographNoWebgl = Kivinjari hiki hakiwezi kuichora (WebGL 2).

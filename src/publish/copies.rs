@@ -1,14 +1,15 @@
 //! Smaller copies of published photographs, for the page of the model: previews, which it lays over the model, and thumbnails, which it lists.
 //!
-//! A photograph has 5 MB and more; the page would load minutes on a slow line without them. Copies are made in a temporary folder before anything is
-//! published, because the colour report states their SHA-256. Photographs that are small already have none. Copies have no EXIF data.
+//! A photograph has 5 MB or more; without copies, the page would take minutes to load on a slow connection. They are made in a temporary folder before
+//! anything is published, because the colour report states their SHA-256. Small photographs get none. Copies have the colour profile of their photograph, but
+//! no EXIF data.
 
 use super::photographs::{Colours, Found};
 use super::progress::{Progress, Stage};
 use crate::new_file::private_folder;
 use anyhow::Context;
 use image::codecs::jpeg::JpegEncoder;
-use image::{DynamicImage, ImageDecoder, ImageReader, RgbImage};
+use image::{DynamicImage, ImageDecoder, ImageEncoder, ImageReader, RgbImage};
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::colour_report::{PHOTOGRAPH_THUMBNAILS, PREVIEWS, Photograph, SmallerCopy};
 use kilwa_files::plain_file;
@@ -26,8 +27,9 @@ const PANORAMA_SIDE: u32 = 4096;
 const THUMBNAIL_SIDE: u32 = 240;
 /// Quality of the JPEG files, of 100.
 const QUALITY: u8 = 80;
-/// How many photographs are in memory at most: each takes 3 bytes per pixel, some of them more.
+/// How many photographs are in memory at most, and their pixels together: each takes 3 bytes per pixel, some of them more. A larger one is alone.
 const AT_ONCE: usize = 4;
+const PIXELS_AT_ONCE: u64 = 200_000_000;
 /// For the check of the disk: bytes of the copies of a photograph.
 const EXPECTED: u64 = 400_000;
 
@@ -62,7 +64,10 @@ pub(super) fn make(colours: &mut Colours, progress: &Progress) -> anyhow::Result
     let mut added = Vec::new();
     let mut of_photograph: BTreeMap<String, [Option<SmallerCopy>; 2]> = BTreeMap::new();
     let mut failed = Vec::new();
-    for several in wanted.chunks(AT_ONCE.min(rayon::current_num_threads())) {
+    let mut left = wanted.as_slice();
+    while !left.is_empty() {
+        let (several, rest) = left.split_at(at_once(left));
+        left = rest;
         let made: Vec<_> = several.par_iter().map(|(file, photo)| of_file(&file.from, photo)).collect();
         for ((file, photo), made) in several.iter().zip(made) {
             progress.more(file.bytes, all);
@@ -96,6 +101,17 @@ pub(super) fn make(colours: &mut Colours, progress: &Progress) -> anyhow::Result
     colours.add(added, folder)
 }
 
+/// How many of these photographs are decoded at the same time: at least one.
+fn at_once(photographs: &[(&Found, &Photograph)]) -> usize {
+    let most = AT_ONCE.min(rayon::current_num_threads());
+    let mut pixels = 0;
+    let fits = |(_, photo): &&(&Found, &Photograph)| {
+        pixels += photo.camera.size.iter().map(|side| u64::from(*side)).product::<u64>();
+        pixels <= PIXELS_AT_ONCE
+    };
+    photographs.iter().take(most).take_while(fits).count().max(1)
+}
+
 fn warning(failed: &[String]) -> Option<String> {
     let first = failed.first()?;
     Some(format!(
@@ -110,7 +126,14 @@ fn of_file(path: &Path, photo: &Photograph) -> Result<Made, String> {
     let file = plain_file::open(path).map_err(|e| e.to_string())?;
     let reader = ImageReader::new(BufReader::with_capacity(1 << 20, file));
     let mut decoder = reader.with_guessed_format().map_err(|e| e.to_string())?.into_decoder().map_err(in_words)?;
+    // The memory that decoding takes was bounded by this size.
+    let (width, height) = decoder.dimensions();
+    if [width, height] != photo.camera.size {
+        let [wide, high] = photo.camera.size;
+        return Err(format!("it has {width} × {height} pixels; its camera in the report has {wide} × {high}"));
+    }
     let orientation = decoder.orientation().map_err(in_words)?;
+    let profile = decoder.icc_profile().map_err(in_words)?;
     let picture = DynamicImage::from_decoder(decoder).map_err(in_words)?.into_rgb8();
     let side = if photo.camera.kind == "pinhole" { PREVIEW_SIDE } else { PANORAMA_SIDE };
     let preview = smaller(&picture, side);
@@ -119,7 +142,7 @@ fn of_file(path: &Path, photo: &Photograph) -> Result<Made, String> {
         upright.apply_orientation(orientation);
         upright.into_rgb8()
     });
-    let encoded = |picture: Option<RgbImage>| picture.as_ref().map(jpeg).transpose();
+    let encoded = |picture: Option<RgbImage>| picture.map(|picture| jpeg(&picture, profile.clone())).transpose();
     Ok(Made { preview: encoded(preview)?, thumbnail: encoded(thumbnail)? })
 }
 
@@ -140,17 +163,24 @@ fn smaller(picture: &RgbImage, side: u32) -> Option<RgbImage> {
     Some(image::imageops::thumbnail(picture, scaled(width), scaled(height)))
 }
 
-fn jpeg(picture: &RgbImage) -> Result<(Vec<u8>, [u32; 2]), String> {
+fn jpeg(picture: &RgbImage, profile: Option<Vec<u8>>) -> Result<(Vec<u8>, [u32; 2]), String> {
     let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, QUALITY).encode_image(picture).map_err(in_words)?;
+    let mut encoder = JpegEncoder::new_with_quality(&mut bytes, QUALITY);
+    if let Some(profile) = profile {
+        encoder.set_icc_profile(profile).map_err(|e| e.to_string())?;
+    }
+    encoder.encode_image(picture).map_err(in_words)?;
     Ok((bytes, [picture.width(), picture.height()]))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use image::{ImageEncoder, Rgb};
+    use image::Rgb;
     use kilwa_archive::ColourReport;
+
+    /// Stands for a colour profile.
+    const PROFILE: &[u8] = b"a colour profile";
 
     /// A photograph of a report, and its file: red above, blue below, with this EXIF orientation.
     fn photograph(folder: &Path, kind: &str, [width, height]: [u32; 2], orientation: u8) -> (Found, Photograph) {
@@ -162,6 +192,7 @@ mod tests {
         let exif =
             [b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".as_slice(), &[orientation, 0, 0, 0], &[0; 4]].concat();
         encoder.set_exif_metadata(exif).unwrap();
+        encoder.set_icc_profile(PROFILE.to_vec()).unwrap();
         encoder.encode_image(&picture).unwrap();
         let from = folder.join(format!("{kind}-{orientation}.jpg"));
         std::fs::write(&from, &bytes).unwrap();
@@ -201,7 +232,13 @@ mod tests {
         assert_eq!(thumbnail.dimensions(), (180, 240));
         // What was above is at the right.
         assert!(is_red(thumbnail.get_pixel(170, 120)) && !is_red(thumbnail.get_pixel(10, 120)));
-        assert!(made.preview.unwrap().0.len() < 200_000);
+        let bytes = made.preview.unwrap().0;
+        assert!(bytes.len() < 200_000);
+        // The colours keep their meaning; where and when it was taken is not repeated.
+        let mut decoder =
+            ImageReader::with_format(std::io::Cursor::new(&bytes), image::ImageFormat::Jpeg).into_decoder().unwrap();
+        assert_eq!(decoder.icc_profile().unwrap().as_deref(), Some(PROFILE));
+        assert_eq!(decoder.exif_metadata().unwrap(), None);
     }
 
     #[test]
@@ -221,6 +258,13 @@ mod tests {
     fn a_file_that_is_no_picture_is_named_with_the_reason() {
         let folder = private_folder("kilwa-test-").unwrap();
         let (file, photo) = photograph(folder.path(), "pinhole", [300, 200], 1);
+        let larger = Photograph {
+            camera: kilwa_archive::colour_report::Camera { size: [30_000, 20_000], ..photo.camera.clone() },
+            ..photo.clone()
+        };
+        let why = of_file(&file.from, &larger).err().unwrap();
+        assert_eq!(why, "it has 300 × 200 pixels; its camera in the report has 30000 × 20000");
+        assert_eq!(at_once(&[(&file, &larger), (&file, &photo)]), 1);
         std::fs::write(&file.from, b"\xff\xd8\xff nothing").unwrap();
         assert!(of_file(&file.from, &photo).is_err());
         let words = warning(&["a.jpg (why)".to_owned(), "b.jpg (why)".to_owned()]).unwrap();

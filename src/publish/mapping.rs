@@ -194,6 +194,6 @@ fn json(plan: &Plan) -> Value {
         .collect();
     let colours = ColourFiles::of(&plan.given);
     json!({ "object": plan.at, "colour_report": colours.colour_report, "photographs": colours.photographs, "masks": colours.masks,
-        "photograph_bytes": colours.photograph_bytes, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
+        "photograph_bytes": colours.photograph_bytes, "photograph_copies": colours.photograph_copies, "photograph_copy_bytes": colours.photograph_copy_bytes, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
         "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "holes": plan.given.holes.as_ref().map_or(0, |n| n.holes.len()), "left_out": plan.channels_left_out().into_iter().chain(notes::left_out(plan)).collect::<Vec<_>>(), "warnings": plan.warnings(), "advice": plan.advice() })
 }

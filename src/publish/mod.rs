@@ -193,7 +193,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     let mut plan = plan::Plan::for_folder(args)?;
     if args.dry_run {
-        plan.given.verify_photographs()?;
+        plan.given.prepare_photographs()?;
         return mapping::print(args, &plan);
     }
     let progress = Progress::new(&write::stages(args, &plan), plan.given.lengths());

@@ -1,7 +1,7 @@
 //! The plan of a publication, checked: metadata, pack, name, version, day, viewer, disk space. Changes nothing on disk.
 
 use super::photographs::{self, Colours};
-use super::progress::Lengths;
+use super::progress::{Lengths, Progress, Stage};
 use super::{Args, copies, holes, notes, tiles};
 use crate::redact::{self, Place};
 use crate::source::{open_pack, read_named};
@@ -120,9 +120,12 @@ impl Given {
         Ok(())
     }
 
-    /// Compare the photographs with the colour report, without progress.
-    pub(super) fn verify_photographs(&self) -> anyhow::Result<()> {
-        self.colours.as_ref().map_or(Ok(()), |colours| colours.verify(&|_| ()))
+    /// Compare the photographs with the colour report and make their smaller copies, for a publication that is not made.
+    pub(super) fn prepare_photographs(&mut self) -> anyhow::Result<()> {
+        let progress = Progress::new(&[Stage::CheckPhotographs, Stage::SmallerCopies], self.lengths());
+        photographs::prepare(self, &progress)?;
+        progress.end();
+        Ok(())
     }
 
     /// Bytes that take time.

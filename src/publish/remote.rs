@@ -61,7 +61,9 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     let before = manifest(&sender, given.slug.as_str(), &at)?;
     let work = crate::new_file::private_folder("kilwa-publish-").context("cannot make a temporary folder")?;
     let progress = Progress::new(&stages(&given), given.lengths());
-    if !args.dry_run {
+    if args.dry_run {
+        given.prepare_photographs()?;
+    } else {
         check(&mut given, &progress)?;
     }
     // Whether an earlier run has come to its end, whose answer was lost: before a note for another version is asked for.
@@ -70,7 +72,6 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     }
     let plan = Plan::new(args, given, before, at)?;
     if args.dry_run {
-        plan.given.verify_photographs()?;
         return mapping::print(args, &plan);
     }
     let report = send(args, &sender, &plan, work.path(), &progress)?;

@@ -45,7 +45,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     let mut plan = Plan::for_folder(&here).map_err(in_words)?;
     plan.at.clone_from(&at);
     if args.dry_run {
-        plan.given.verify_photographs()?;
+        plan.given.prepare_photographs()?;
         return mapping::print(&here, &plan);
     }
     let mut stages = write::stages(&here, &plan);

@@ -51,7 +51,7 @@ const PAGE = () => `${server.url}/gereza/?error=8`;
 const group = (page, name = "Photographs") => page.getByRole("group", { name, exact: true });
 const strip = (page) => page.getByRole("region", { name: "Photographs", exact: true });
 const thumbs = (page) => strip(page).getByRole("listitem").getByRole("button");
-const slider = (page) => strip(page).getByRole("slider", { name: "Photograph" });
+const slider = (page) => strip(page).getByRole("slider", { name: "Photograph opacity" });
 const closing = (page) => strip(page).getByRole("button", { name: "Close" });
 const message = (page, text) => page.getByRole("main").getByRole("status").filter({ hasText: text });
 
@@ -76,7 +76,7 @@ const PART = { from: 0.35, to: 0.6 };
 /** The pixels of the photograph over the model in that part, rows from the top; and the width and height of the whole. */
 const photographed = (page) =>
   page.evaluate(({ from, to }) => {
-    const canvas = document.querySelectorAll("canvas.marks")[1];
+    const canvas = document.querySelector(".photo-overlay");
     const { width, height } = canvas;
     const copy = Object.assign(document.createElement("canvas"), { width, height });
     const context = copy.getContext("2d");
@@ -116,7 +116,7 @@ test("published photographs are offered, listed with their credit, and one is se
   if (SHOTS) await page.screenshot({ path: path.join(SHOTS, "photographs-open.png") });
   assert.equal(await thumbs(page).nth(1).getAttribute("aria-current"), "true");
   await strip(page).getByText("Photographs: A. Juma · CC BY 4.0").waitFor();
-  const file = await strip(page).getByRole("link", { name: "Open the file of the photograph" }).getAttribute("href");
+  const file = await strip(page).getByRole("link", { name: "Open the photograph file" }).getAttribute("href");
   assert.match(file, /\/v1\/photographs\/IMG_\d+\.jpg$/);
   // The model has its colours from the photographs: where they fit, both look the same.
   const over = await photographed(page);
@@ -131,13 +131,7 @@ test("published photographs are offered, listed with their credit, and one is se
   await shown(page);
   await slider(page).fill("0");
   await slider(page).fill("40");
-  assert.equal(
-    await page
-      .locator("canvas.marks")
-      .nth(1)
-      .evaluate((canvas) => canvas.style.opacity),
-    "0.4",
-  );
+  assert.equal(await page.locator(".photo-overlay").evaluate((canvas) => canvas.style.opacity), "0.4");
   await strip(page).getByRole("button", { name: "Next photograph" }).click();
   await shown(page);
   assert.equal(await thumbs(page).nth(2).getAttribute("aria-current"), "true");
@@ -175,7 +169,7 @@ test("with a photograph over the model, the eye stays: drags and arrows look abo
   assert.ok(then.fieldOfView < 0.8 * first.fieldOfView && then.azimuth !== first.azimuth, JSON.stringify({ first, then }));
   // Another size of the page does not move it either.
   await page.setViewportSize({ width: 900, height: 640 });
-  await page.waitForFunction(() => Math.abs(document.querySelector("#canvas").width - document.querySelectorAll("canvas.marks")[1].width) < 1);
+  await page.waitForFunction(() => Math.abs(document.querySelector("#canvas").width - document.querySelector(".photo-overlay").width) < 1);
   await waitFor(page, "settled");
   assert.ok(isHere(await eye(), stands), "after a change of size");
   assert.ok(await closing(page).isVisible());
@@ -189,6 +183,103 @@ test("with a photograph over the model, the eye stays: drags and arrows look abo
   await page.getByRole("group", { name: "Walking", exact: true }).waitFor();
   await closing(page).waitFor({ state: "detached" });
   assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("nothing is drawn over the model while a photograph is being loaded; H hides it with the rest", async () => {
+  const { page, close } = await open(browser, PAGE(), { size: [1000, 700] });
+  let release;
+  const held = new Promise((resolve) => {
+    release = resolve;
+  });
+  await page.route("**/photographs/IMG_*.jpg", async (route) => {
+    await held;
+    await route.continue();
+  });
+  await openStrip(page);
+  await thumbs(page).first().click();
+  await strip(page).getByText("Loading the photograph…").waitFor();
+  await waitFor(page, "settled");
+  assert.equal(await page.locator(".photo-overlay").count(), 0);
+  release();
+  await shown(page);
+  assert.equal(await page.locator(".photo-overlay").count(), 1);
+  await canvasOf(page).focus();
+  await page.keyboard.press("h");
+  await strip(page).waitFor({ state: "hidden" });
+  assert.equal(await page.locator(".photo-overlay").isVisible(), true, "the picture stays");
+  await close();
+});
+
+test("from a photograph, another view is reached as from anywhere else, with the opening angle of before and upright", async () => {
+  const { page, complaints, close } = await open(browser, PAGE(), { size: [1000, 700], reducedMotion: "no-preference" });
+  await openStrip(page);
+  const camera = () => page.evaluate(() => globalThis.kilwa.api.getCamera());
+  const rest = () =>
+    page.waitForFunction(async () => {
+      const key = () => JSON.stringify(globalThis.kilwa.api.getCamera());
+      const first = key();
+      for (let frame = 0; frame < 5; frame += 1) await new Promise((resolve) => requestAnimationFrame(resolve));
+      return key() === first;
+    });
+  for (const go of [() => tool(page, "Show the whole model").click(), () => page.keyboard.press("2"), () => page.keyboard.press("6")]) {
+    await openPhotograph(page, 0);
+    assert.notEqual((await camera()).fieldOfView, 0.7);
+    await canvasOf(page).focus();
+    await go();
+    await closing(page).waitFor({ state: "detached" });
+    await rest();
+    const { fieldOfView, roll, distance } = await camera();
+    assert.ok(Math.abs(fieldOfView - 0.7) < 1e-9 && roll === 0, JSON.stringify({ fieldOfView, roll }));
+    assert.ok(distance > 20, `${distance}: the whole model is in view`);
+  }
+  // Left on the way there; in the page itself, for a flight is short.
+  const onTheWay = async (what) => {
+    await thumbs(page).nth(1).click();
+    await page.evaluate(async (what) => {
+      while (globalThis.kilwa.api.getCamera().fieldOfView === 0.7) await new Promise((resolve) => requestAnimationFrame(resolve));
+      const escapeKey = () => document.body.dispatchEvent(new KeyboardEvent("keydown", { key: "Escape", bubbles: true, cancelable: true }));
+      const wheel = () => document.querySelector("#canvas").dispatchEvent(new WheelEvent("wheel", { deltaY: -50, cancelable: true }));
+      (what === "wheel" ? wheel : escapeKey)();
+      if (what === "again") document.querySelectorAll(".thumbs button")[1].click();
+    }, what);
+  };
+  for (const what of ["escape", "wheel"]) {
+    await onTheWay(what);
+    await closing(page).waitFor({ state: "detached" });
+    await rest();
+    const { fieldOfView, roll } = await camera();
+    assert.ok(Math.abs(fieldOfView - 0.7) < 1e-9 && Math.abs(roll) < 1e-9, JSON.stringify({ what, fieldOfView, roll }));
+  }
+  // The same photograph again before the first flight has ended.
+  await onTheWay("again");
+  await shown(page);
+  await rest();
+  assert.ok(await closing(page).isVisible());
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("the box may be checked and unchecked faster than the report comes", async () => {
+  const { page, close } = await open(browser, PAGE(), { size: [1000, 700] });
+  let release;
+  const held = new Promise((resolve) => {
+    release = resolve;
+  });
+  let asked = 0;
+  await page.route("**/colour-report.json", async (route) => {
+    asked += 1;
+    await held;
+    await route.continue();
+  });
+  await openTab(page, "Display");
+  for (let n = 0; n < 5; n += 1) await group(page).getByRole("checkbox").click();
+  release();
+  await thumbs(page).first().waitFor();
+  assert.equal(asked, 1);
+  assert.equal(await page.locator(".photo-strip").count(), 1);
+  assert.equal(await page.locator("canvas.marks").count(), 2);
+  assert.equal(await group(page).getByRole("checkbox").isChecked(), true);
   await close();
 });
 
@@ -363,7 +454,7 @@ for (const [what, { camera, turned = 0 }] of Object.entries(LENSES)) {
       await waitFor(page, "settled");
     }
     const found = await page.evaluate(() => {
-      const canvas = document.querySelectorAll("canvas.marks")[1];
+      const canvas = document.querySelector(".photo-overlay");
       const { width, height } = canvas;
       const copy = Object.assign(document.createElement("canvas"), { width, height });
       const context = copy.getContext("2d");
@@ -400,7 +491,7 @@ test("a report that is not one, a photograph that cannot be loaded, and photogra
   await page.route("**/colour-report.json", (route) => route.fulfill({ json: { kilwa_colour_report: 7 } }));
   await openTab(page, "Display");
   await group(page).getByRole("checkbox").click();
-  await message(page, "it is not the colour report of a published model").waitFor();
+  await message(page, "this is not a colour report that Kilwa can read").waitFor();
   assert.equal(await group(page).getByRole("checkbox").isChecked(), false);
   await page.unroute("**/colour-report.json");
   // A path that leads out of the version.
@@ -420,8 +511,19 @@ test("a report that is not one, a photograph that cannot be loaded, and photogra
   await page.route("**/colour-report.json", (route) => route.fulfill(report({ path: "photographs/missing.jpg" })));
   await openStrip(page);
   await thumbs(page).first().click();
-  await message(page, "The photograph could not be loaded: 404").waitFor();
-  await page.locator(".photo-bar[data-state=none]").waitFor();
+  await message(page, "/gereza/v1/photographs/missing.jpg: 404").waitFor();
+  await strip(page).getByText("The photograph could not be loaded.").waitFor();
+  assert.equal(await slider(page).isDisabled(), true);
+  // What is no picture is not drawn, and can be tried again.
+  await page.route("**/missing.jpg", (route) => route.fulfill({ body: "no picture", contentType: "image/jpeg" }));
+  await strip(page).getByRole("button", { name: "Try again" }).click();
+  await page.locator(".photo-bar[data-state=failed]").waitFor();
+  assert.equal(await page.locator(".photo-overlay").count(), 0);
+  await page.unroute("**/missing.jpg");
+  await page.route("**/missing.jpg", (route) => route.fulfill({ path: path.join(scratch, "session/photos/images/IMG_0001.jpg") }));
+  await strip(page).getByRole("button", { name: "Try again" }).click();
+  await shown(page);
+  assert.equal(await page.locator(".photo-overlay").count(), 1);
   await close();
 
   const other = await open(browser, PAGE(), { size: [1000, 700] });
@@ -470,7 +572,7 @@ test("on a phone, the photograph that is open takes the place of the strip", asy
   assert.equal(await thumbs(page).first().isVisible(), false);
   // The photograph is in the middle of what the bar leaves free, though the sheet was higher when it was clicked.
   const [top, bottom] = await page.evaluate(() => {
-    const canvas = document.querySelectorAll("canvas.marks")[1];
+    const canvas = document.querySelector(".photo-overlay");
     const { width, height } = canvas;
     const copy = Object.assign(document.createElement("canvas"), { width, height });
     const context = copy.getContext("2d");
@@ -481,7 +583,7 @@ test("on a phone, the photograph that is open takes the place of the strip", asy
   });
   const canvas = await canvasOf(page).boundingBox();
   const free = ((await strip(page).boundingBox()).y - canvas.y) / canvas.height;
-  const height = await page.evaluate(() => document.querySelectorAll("canvas.marks")[1].height);
+  const height = await page.evaluate(() => document.querySelector(".photo-overlay").height);
   assert.ok(Math.abs((top + bottom) / 2 / height - free / 2) < 0.03, JSON.stringify({ top, bottom, height, free }));
   assert.ok(await slider(page).isVisible());
   if (SHOTS) await page.screenshot({ path: path.join(SHOTS, "photographs-phone.png") });

@@ -8,11 +8,13 @@ import { inWorld, plus } from "./pose.js";
 /** @import { Photograph, Vector } from "./pose.js" */
 
 /** The pyramids are as deep as this share of the distance between neighbours, within these shares of the model's size. */
-const [DEPTH, LEAST, MOST] = [0.4, 0.006, 0.04];
+const [DEPTH, LEAST, MOST] = [0.4, 0.01, 0.04];
 /** So many photographs are asked for the distance of their nearest neighbour. */
 const ASKED = 100;
-/** Points of the border of a picture: those of its corners, and between them as a fisheye bends it. */
-const SIDES = 4;
+/** Parts of each side of a picture that is drawn: a fisheye bends it. */
+const sidesOf = (/** @type {Photograph} */ { camera: { distortion } }) => (distortion?.kind === "fisheye" ? 4 : 1);
+/** A pyramid that is smaller is a dot, pixels of the screen: of thousands in sight, most are. */
+const SMALLEST = 3;
 /** Milliseconds per turn of the test for occlusion; how far a point may lie behind the drawn surface and still count as visible, as a share of its distance. */
 const [PATIENCE, SLACK] = [4, 0.004];
 const COLOUR = "#0072b2";
@@ -142,9 +144,13 @@ export class Frusta {
       if (!is(mark)) continue;
       const { first, rim, photo } = mark;
       const isPyramid = photo.camera.kind === "pinhole";
+      const sides = sidesOf(photo);
+      const [x, y] = this.#at.subarray(3 * first, 3 * first + 2);
+      const [u, v] = this.#at.subarray(3 * first + 3, 3 * first + 5);
+      if (Math.hypot(x - u, y - v) < SMALLEST * ratio) continue;
       for (let k = 0; k < rim; k += 1) {
         line(first + 1 + k, first + 1 + ((k + 1) % rim));
-        if (isPyramid && k % SIDES === 0) line(first, first + 1 + k);
+        if (isPyramid && k % sides === 0) line(first, first + 1 + k);
       }
     }
     context.stroke();
@@ -188,14 +194,15 @@ export class Frusta {
  * @param {number} depth metres
  * @returns {Vector[]}
  */
-function rimOf({ camera, axes, position }, depth) {
+function rimOf(photo, depth) {
+  const { camera, axes, position } = photo;
   const from = (/** @type {Vector} */ direction) => plus(position, inWorld(axes, direction));
   if (camera.kind !== "pinhole") {
     const angles = Array.from({ length: 24 }, (_, k) => (k * Math.PI) / 12);
     return angles.map((angle) => from([0.6 * depth * Math.sin(angle), 0, 0.6 * depth * Math.cos(angle)]));
   }
   // Where the border of a fisheye sees nothing, the pyramid ends in its camera.
-  return border(camera, SIDES).map((direction) => {
+  return border(camera, sidesOf(photo)).map((direction) => {
     const [x, y, z] = direction ?? [0, 0, 0];
     const long = depth / Math.max(z, 0.5);
     return from([x * long, y * long, z * long]);

@@ -15,7 +15,7 @@
  */
 /** @typedef {[number, number, number]} Direction */
 
-/** Newton's method converges in a few steps; where it does not, nothing is seen. */
+/** Steps of Newton's method; where it does not converge, nothing is seen. */
 const STEPS = 25;
 /** Largest difference of what it finds, at distance 1 from the camera. */
 const ENOUGH = 1e-9;
@@ -55,16 +55,26 @@ function bent(x, y, { kind, k, p }) {
  * @param {number} limit
  */
 function straight(x, y, distortion, limit) {
-  let [u, v] = [x, y];
+  const within = (/** @type {number} */ a, /** @type {number} */ b) => {
+    const far = Math.max(1, Math.hypot(a, b) / limit);
+    return [a / far, b / far];
+  };
+  let [u, v] = within(x, y);
+  let at = bent(u, v, distortion);
   for (let step = 0; step < STEPS; step += 1) {
-    const far = Math.hypot(u, v) / limit;
-    if (far > 1) [u, v] = [u / far, v / far];
-    const at = bent(u, v, distortion);
     const [dx, dy] = [x - at.x, y - at.y];
-    if (Math.hypot(dx, dy) < ENOUGH) return [u, v];
+    const left = Math.hypot(dx, dy);
+    if (left < ENOUGH) return [u, v];
     const determinant = at.xx * at.yy - at.xy * at.xy;
-    u += (at.yy * dx - at.xy * dy) / determinant;
-    v += (at.xx * dy - at.xy * dx) / determinant;
+    const [du, dv] = [(at.yy * dx - at.xy * dy) / determinant, (at.xx * dy - at.xy * dx) / determinant];
+    // A shorter step where a whole one would lead away from the solution.
+    for (let part = 1; part > 1e-3; part /= 2) {
+      const next = within(u + part * du, v + part * dv);
+      const then = bent(next[0], next[1], distortion);
+      if (!(Math.hypot(x - then.x, y - then.y) < left)) continue;
+      [[u, v], at] = [next, then];
+      break;
+    }
   }
   return null;
 }

@@ -1,6 +1,7 @@
 // A photograph over the picture of its own view. From where it was taken, what a pixel shows depends on its direction only: the photograph is a net of
 // directions (lens.js) that the graphics card draws for the camera of the page, so that distorted photographs and panoramas fit too.
 
+import { t } from "../i18n.js";
 import { net } from "./lens.js";
 
 /** @import { Axes } from "./pose.js" */
@@ -29,14 +30,12 @@ export class Overlay {
   #gl;
   #view;
 
-  /**
-   * @param {HTMLCanvasElement} canvas
-   * @param {Lens} lens
-   */
-  constructor(canvas, lens) {
+  /** Its canvas is added to the page by whoever made it, when it shows something. @param {Lens} lens */
+  constructor(lens) {
+    const canvas = Object.assign(document.createElement("canvas"), { className: "photo-overlay", ariaHidden: "true" });
     this.canvas = canvas;
     const gl = canvas.getContext("webgl2", { alpha: true, antialias: false, premultipliedAlpha: true, preserveDrawingBuffer: true });
-    if (!gl) throw new Error("WebGL 2");
+    if (!gl) throw new Error(t("photographNoWebgl"));
     this.#gl = gl;
     const program = gl.createProgram();
     for (const [type, source] of /** @type {[number, string][]} */ ([
@@ -49,7 +48,7 @@ export class Overlay {
       gl.attachShader(program, shader);
     }
     gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) ?? "WebGL 2");
+    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) ?? t("photographNoWebgl"));
     gl.useProgram(program);
     this.#view = gl.getUniformLocation(program, "view");
     const { directions, places, corners } = net(lens);
@@ -72,16 +71,22 @@ export class Overlay {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
   }
 
-  /** Longest side of a picture that can be shown, pixels. */
-  get sideMax() {
-    return /** @type {number} */ (this.#gl.getParameter(this.#gl.MAX_TEXTURE_SIZE));
-  }
-
-  /** @param {ImageBitmap} picture */
-  set(picture) {
+  /**
+   * Show these pixels, or fewer where the graphics card takes fewer. The picture is closed.
+   * @param {ImageBitmap} picture
+   */
+  async set(picture) {
     const gl = this.#gl;
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+    const share = gl.getParameter(gl.MAX_TEXTURE_SIZE) / Math.max(picture.width, picture.height);
+    let shown = picture;
+    if (share < 1) {
+      const [resizeWidth, resizeHeight] = [picture.width, picture.height].map((side) => Math.max(1, Math.floor(side * share)));
+      shown = await createImageBitmap(picture, { resizeWidth, resizeHeight, resizeQuality: "high" });
+      picture.close();
+    }
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE, shown);
     gl.generateMipmap(gl.TEXTURE_2D);
+    shown.close();
   }
 
   /**

@@ -30,7 +30,9 @@ const SAME_PLACE = 1e-7;
 /** The messages of the page's language. @returns {Promise<void>} */
 async function words() {
   const { lang } = document.documentElement;
-  const messages = await (await fetch(`i18n/photographs-${lang}.json`)).json();
+  const response = await fetch(`i18n/photographs-${lang}.json`);
+  if (!response.ok) throw new Error(`i18n/photographs-${lang}.json: ${response.status}`);
+  const messages = await response.json();
   if (lang !== document.documentElement.lang) return words();
   add(messages);
 }
@@ -45,23 +47,24 @@ function styles() {
   });
 }
 
-/** A canvas over the picture. */
-function layer() {
-  const canvas = Object.assign(document.createElement("canvas"), { className: "marks", ariaHidden: "true" });
-  $("marks").before(canvas);
-  return canvas;
-}
-
 class Photographs {
   /** @type {Photograph[] | null} */
   #all = null;
   #isOn = false;
+  /** @type {Promise<void> | null} */
+  #reading = null;
   /** @type {Frusta | null} */
   #frusta = null;
   /** @type {Strip | null} */
   #strip = null;
   /** @type {Shown | null} */
   #shown = null;
+  /** The visit of the place where it was taken: another one each time that a photograph is opened. `goal`: of the flight there; null on arrival. @type {{goal: Camera | null} | null} */
+  #visit = null;
+  /** The opening angle before the first visit. */
+  #before = 0.7;
+  /** The opening angle of the last frame there. */
+  #opening = 0;
   /** @type {Overlay | null} */
   #overlay = null;
   #panel = Object.assign(document.createElement("fieldset"), { id: "photographs" });
@@ -71,8 +74,6 @@ class Photographs {
   /** The size of the picture that the camera was put for, and where it looked then. */
   #size = "";
   #look = "";
-  /** The opening angle before a photograph was opened. */
-  #opening = 0.7;
   #press = { x: 0, y: 0 };
 
   /**
@@ -87,7 +88,10 @@ class Photographs {
     this.report = report;
     this.read = read;
     $("display").firstElementChild?.after(this.#panel);
-    onChange(() => this.#isHere && words().then(() => this.#show()));
+    onChange(() => {
+      const written = this.#isHere && words().then(() => this.#show());
+      if (written) written.catch(() => {}); // the messages of before stay
+    });
     const { signal } = this.#abort;
     const canvas = $("canvas");
     canvas.addEventListener("pointerdown", ({ clientX: x, clientY: y }) => (this.#press = { x, y }), { signal });
@@ -119,32 +123,45 @@ class Photographs {
     this.scene = scene;
     if (this.#frusta) this.#frusta.scene = scene;
     scene.session.watchers.add(() => this.#frame());
-    if (this.#shown) this.#leave();
+    this.#leave();
   }
 
   /** @param {boolean} isOn */
   async turn(isOn) {
+    this.#isOn = isOn;
     try {
-      if (isOn && !this.#all) {
-        this.#all = photographsOf(await this.read());
-        this.#frusta = new Frusta(layer(), this.scene, this.#all);
-        const { photographsCredit: credit = "", photographsRights: rights = "" } = document.body.dataset;
-        this.#strip = new Strip(this.#all, [credit, rights].filter(Boolean).join(" · "), {
-          open: (photo) => this.open(photo),
-          point: (photo) => this.#mark(photo),
-          close: () => this.#leave(),
-          whole: () => this.#load(true),
-          blend: (share) => this.#blend(share),
-          address: (path) => new URL(path, this.report).href,
-        });
-        this.#strip.attach($("hint"));
+      if (isOn) {
+        this.#reading ??= this.#list();
+        await this.#reading;
       }
-      this.#isOn = isOn;
-      if (!isOn) this.#leave();
     } catch (error) {
-      notice(t("photographsFailed", { why: why(error) }), 12000);
+      this.#reading = null;
+      this.#isOn = false;
+      if (this.#isHere) notice(t("photographsFailed", { why: why(error) }), 12000);
     }
+    if (!this.#isHere) return;
+    if (!this.#isOn) this.#leave();
     this.#show();
+  }
+
+  /** Read the report, and make the strip. */
+  async #list() {
+    const all = photographsOf(await this.#renewing(this.read));
+    if (!this.#isHere) return;
+    const canvas = Object.assign(document.createElement("canvas"), { className: "marks", ariaHidden: "true" });
+    this.#frusta = new Frusta(canvas, this.scene, all);
+    $("marks").before(canvas);
+    const { photographsCredit: credit = "", photographsRights: rights = "" } = document.body.dataset;
+    this.#strip = new Strip(all, [credit, rights].filter(Boolean).join(" · "), {
+      open: (photo) => this.open(photo),
+      point: (photo) => this.#mark(photo),
+      close: () => this.#leave(),
+      load: (isWhole) => this.#load(isWhole),
+      blend: (share) => this.#blend(share),
+      address: (path) => new URL(path, this.report).href,
+    });
+    this.#strip.attach($("hint"));
+    this.#all = all;
   }
 
   /**
@@ -155,18 +172,25 @@ class Photographs {
     if (!this.#isHere || this.#shown?.photo === photo) return;
     const { scene } = this;
     const share = this.#shown?.share ?? 1;
-    if (!this.#shown) this.#opening = scene.viewer.camera().fieldOfView;
+    if (scene.walk.on) scene.on.orbit(); // with the opening angle of before
+    if (!this.#visit) this.#before = scene.flight.there.fieldOfView;
     this.#forget();
     peek();
     this.#shown = { photo, share, state: photo.path ? "loading" : "none" };
     this.#show();
     announce(photo.name);
     this.#size = sizeOf(scene);
-    const isThere = await scene.goTo(this.#camera(photo), { isJump: true });
-    if (this.#shown?.photo !== photo) return;
+    /** @type {{goal: Camera | null}} */
+    const visit = { goal: null };
+    this.#visit = visit;
+    const flight = scene.goTo(this.#camera(photo), { isJump: true });
+    visit.goal = scene.flight.goal;
+    const isThere = await flight;
+    if (this.#visit !== visit) return;
     // The person has taken the camera elsewhere.
-    if (!isThere) return this.#leave();
+    if (!isThere) return this.#leave({ moved: true });
     // From now on the eye stays where it is.
+    visit.goal = null;
     scene.input.stays = true;
     this.#look = lookOf(scene);
     this.#frusta?.turn(false);
@@ -185,40 +209,62 @@ class Photographs {
   }
 
   /**
-   * How far what the camera turns about later lies before a photograph: the middle of the model, or less inside it.
+   * How far what the camera turns about later lies before a photograph: the middle of the model, or less inside it. The viewer takes no camera that is farther
+   * away from what it turns about.
    * @param {Photograph} photo
    */
   #distance({ position }) {
     const [a, b, c, u, v, w] = this.scene.viewer.bounds();
     const size = Math.hypot(u - a, v - b, w - c);
     const middle = [(a + u) / 2, (b + v) / 2, (c + w) / 2];
-    return Math.max(0.05 * size, Math.hypot(...middle.map((m, k) => m - position[k])) - size / 4);
+    const away = Math.hypot(...middle.map((m, k) => m - position[k])) - size / 4;
+    return Math.max(0.05 * size, Math.min(20 * size, away));
+  }
+
+  /**
+   * What `ask` answers. Permission to read a closed model lasts for minutes and is renewed with the pack: once more after that.
+   * @template T
+   * @param {() => T} ask
+   * @returns {Promise<Awaited<T>>}
+   */
+  async #renewing(ask) {
+    try {
+      return await ask();
+    } catch (error) {
+      if (!String(error.message).endsWith("401") || !this.current.pack) throw error;
+      await this.current.pack.range(0, 1, undefined, { fresh: true });
+      return await ask();
+    }
   }
 
   /** @param {boolean} isWhole all pixels, instead of those of the preview */
   async #load(isWhole) {
-    const { photo } = this.#shown ?? {};
+    const { photo, state: before } = this.#shown ?? {};
     if (!photo?.path) return;
     this.#loading?.abort();
     this.#loading = new AbortController();
     const { signal } = this.#loading;
     this.#state("loading");
+    const address = new URL((!isWhole && photo.preview) || photo.path, this.report);
     try {
-      const response = await fetch(new URL((!isWhole && photo.preview) || photo.path, this.report), { credentials: "same-origin", signal });
-      if (!response.ok) throw new Error(String(response.status));
-      const overlay = this.#overlay ?? new Overlay(layer(), photo.camera);
-      this.#overlay = overlay;
+      const blob = await this.#renewing(async () => {
+        const response = await fetch(address, { credentials: "same-origin", signal });
+        if (!response.ok) throw new Error(`${address.pathname}: ${response.status}`);
+        return response.blob();
+      });
       // Calibrations do not turn a photograph as its EXIF data say.
-      const picture = await bitmap(await response.blob(), overlay.sideMax);
+      const picture = await createImageBitmap(blob, { imageOrientation: "none" });
       if (signal.aborted) return picture.close();
-      overlay.set(picture);
-      picture.close();
+      this.#overlay ??= new Overlay(photo.camera);
+      await this.#overlay.set(picture);
+      if (signal.aborted) return;
+      $("marks").before(this.#overlay.canvas);
       this.#state(isWhole || !photo.preview ? "whole" : "preview");
       this.#blend(this.#shown?.share ?? 1);
       this.#frame();
     } catch (error) {
       if (signal.aborted) return;
-      this.#state(this.#overlay ? "preview" : "none");
+      this.#state(this.#overlay?.canvas.isConnected && before ? before : "failed");
       notice(t("photographFailed", { why: why(error) }), 12000);
     }
   }
@@ -256,25 +302,44 @@ class Photographs {
     const [a, b, c, u, v, w] = viewer.bounds();
     const eye = viewer.eye();
     const moved = Math.hypot(...photo.position.map((p, k) => p - eye[k]));
-    if (moved > SAME_PLACE * (Math.hypot(u - a, v - b, w - c) + camera.distance) || camera.orthographic || this.scene.walk.on) return this.#leave();
+    if (moved > SAME_PLACE * (Math.hypot(u - a, v - b, w - c) + camera.distance) || camera.orthographic || this.scene.walk.on)
+      return this.#leave({ moved: true });
+    this.#opening = camera.fieldOfView;
     const axes = seenFrom(axesOfCamera(camera), photo.axes);
     this.#overlay?.draw(axes, { width, height, tangent: Math.tan(camera.fieldOfView / 2) });
   }
 
-  /** The photograph goes; the eye may move again. */
-  #leave() {
-    if (!this.#shown) return;
+  /**
+   * The photograph goes, and with it the opening angle and the roll that the camera had for it.
+   * @param {{moved?: boolean}} how `moved`: the eye is elsewhere already, or on its way; otherwise it stays
+   */
+  #leave({ moved = false } = {}) {
+    const visit = this.#visit;
+    if (!this.#shown || !visit) return;
     const { scene } = this;
-    const stood = scene.input.stays;
+    const opening = scene.input.stays ? this.#opening : null;
+    this.#visit = null;
     this.#forget();
     this.#shown = null;
     this.#show();
-    if (!stood || !scene.isOpen || scene.walk.on) return;
-    // The opening angle of before and an upright picture; the eye stays.
-    const camera = scene.viewer.camera();
-    const { isFree, pointers } = scene.input;
-    const ease = pointers.size === 0;
-    scene.flight.to({ ...camera, roll: isFree ? camera.roll : 0, fieldOfView: this.#opening }, { mark: false, ease });
+    if (!scene.isOpen || scene.walk.on) return;
+    const { flight, input, viewer } = scene;
+    const usual = (/** @type {Camera} */ camera) => {
+      const { distance, fieldOfView } = camera;
+      // Where the eye is elsewhere, the model keeps its size in the picture.
+      const nearer = moved ? Math.tan(fieldOfView / 2) / Math.tan(this.#before / 2) : 1;
+      return { ...camera, distance: distance * nearer, roll: input.isFree ? camera.roll : 0, fieldOfView: this.#before };
+    };
+    const goal = flight.goal;
+    if (goal && goal !== visit.goal) {
+      // On its way to something else, which may have an opening angle of its own.
+      if (opening === null || Math.abs(goal.fieldOfView - opening) < 1e-9) Object.assign(goal, usual(goal));
+      return;
+    }
+    flight.stop();
+    const camera = viewer.camera();
+    const isOther = moved && opening !== null && Math.abs(camera.fieldOfView - opening) > 1e-9;
+    if (!isOther) flight.to(usual(camera), { mark: false, ease: input.pointers.size === 0 });
   }
 
   #forget() {
@@ -363,34 +428,17 @@ function ahead({ position }, camera) {
 }
 
 /**
- * The pixels of a photograph as they are stored, fewer where the graphics card takes fewer.
- * @param {Blob} blob
- * @param {number} sideMax
- */
-async function bitmap(blob, sideMax) {
-  const picture = await createImageBitmap(blob, { imageOrientation: "none" });
-  const longest = Math.max(picture.width, picture.height);
-  if (longest <= sideMax) return picture;
-  const share = sideMax / longest;
-  const [resizeWidth, resizeHeight] = [picture.width, picture.height].map((side) => Math.max(1, Math.floor(side * share)));
-  const smaller = await createImageBitmap(picture, { resizeWidth, resizeHeight, resizeQuality: "high" });
-  picture.close();
-  return smaller;
-}
-
-/**
  * Offer the photographs of the model that is open.
  * @param {Current} current
- * @param {URL} report the address of the colour report
- * @param {() => unknown} read the report as JSON
+ * @param {{report: string, pack: string | URL, read: () => unknown}} where the address of the colour report, relative to the pack; reads it as JSON
  */
-export async function offer(current, report, read) {
+export async function offer(current, { report, pack, read }) {
   const { scene } = current;
   try {
     await Promise.all([words(), styles()]);
     if (!scene?.isOpen || current.scene !== scene) return;
     current.photographs?.close();
-    const photographs = new Photographs(current, scene, report, read);
+    const photographs = new Photographs(current, scene, new URL(report, new URL(pack, location.href)), read);
     current.photographs = photographs;
     await photographs.turn(false);
   } catch (error) {

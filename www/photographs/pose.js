@@ -22,11 +22,11 @@ import { border } from "./lens.js";
 
 /** Vertical opening angle in a panorama, radians. */
 const WIDE = 1.2;
-/** Largest opening angle, radians. */
-const WIDEST = 2.4;
-/** What is left free round a photograph, as a share of it. */
+/** Smallest and largest opening angle, radians. */
+const [NARROWEST, WIDEST] = [0.02, 2.4];
+/** Margin round a photograph, as a factor. */
 const MARGIN = 1.03;
-/** How often the camera is put anew until the photograph is in the middle. */
+/** Rounds until the photograph is in the middle. */
 const ROUNDS = 8;
 
 /** @param {Vector} a @param {Vector} b */
@@ -129,7 +129,7 @@ export function cameraAt({ camera: lens, axes, position }, { width, height, cove
     tangent = MARGIN * Math.max((high - low) / 2 / (1 - share), (Math.max(...across) * height) / width);
     lower += Math.atan(tangent * share) - Math.atan((high + low) / 2);
   }
-  return { ...stands(view.forward), ...directionOf(view.forward, view.up), fieldOfView: Math.min(WIDEST, 2 * Math.atan(tangent)) };
+  return { ...stands(view.forward), ...directionOf(view.forward, view.up), fieldOfView: Math.max(NARROWEST, Math.min(WIDEST, 2 * Math.atan(tangent))) };
 }
 
 /**

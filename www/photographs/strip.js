@@ -12,7 +12,7 @@ import { icon, iconButton, show } from "../view.js";
  * @property {(photo: Photograph) => void} open
  * @property {(photo: Photograph | null) => void} point at a photograph, or none
  * @property {() => void} close the one that is shown
- * @property {() => void} whole show it with all its pixels
+ * @property {(isWhole: boolean) => void} load its picture, with all its pixels or those of the preview
  * @property {(share: number) => void} blend
  * @property {(path: string) => string} address of a file of the report
  */
@@ -21,8 +21,11 @@ import { icon, iconButton, show } from "../view.js";
  * @typedef {object} Shown
  * @property {Photograph} photo
  * @property {number} share of the photograph over the model, 0 to 1
- * @property {"none" | "loading" | "preview" | "whole"} state of its picture
+ * @property {"none" | "loading" | "failed" | "preview" | "whole"} state of its picture
  */
+
+/** Bytes of a photograph that is small enough for the strip. */
+const SMALL = 200_000;
 
 export class Strip {
   #element = Object.assign(document.createElement("section"), { className: "photo-strip", id: "photo-strip" });
@@ -76,10 +79,13 @@ export class Strip {
       isOn ? html`${shown ? this.#bar(shown) : nothing}<ol class="thumbs">${this.photographs.map((photo, at) => this.#thumb(photo, at))}</ol>` : nothing,
       this.#element,
     );
-    if (!isOn || !isOther) return;
+    if (!isOn) return;
     const current = this.#buttons[this.#roving];
-    if (shown) current?.scrollIntoView({ block: "nearest", inline: "center" });
-    if (hadFocus && !document.contains(activeElement)) current?.focus();
+    if (shown && isOther) current?.scrollIntoView({ block: "nearest", inline: "center" });
+    // A button that had the focus is gone, or cannot be pressed any more. On a phone the bar takes the place of the pictures.
+    const isLost = hadFocus && (!document.contains(activeElement) || /** @type {HTMLButtonElement} */ (activeElement).disabled);
+    const close = /** @type {HTMLButtonElement | null} */ (this.#element.querySelector(".photo-bar > [data-label=close]"));
+    if (isLost) (current?.offsetParent ? current : close)?.focus();
   }
 
   get #buttons() {
@@ -91,7 +97,8 @@ export class Strip {
    * @param {number} at
    */
   #thumb(photo, at) {
-    const path = photo.thumbnail ?? photo.preview ?? photo.path;
+    // A photograph without smaller copies may have many megabytes.
+    const path = photo.thumbnail ?? (photo.bytes <= SMALL ? photo.path : null);
     const picture = path ? html`<img src=${this.on.address(path)} alt="" loading="lazy" decoding="async">` : icon("camera");
     const isCurrent = photo === this.#shown?.photo ? "true" : nothing;
     const point = (/** @type {Photograph | null} */ which) => () => this.on.point(which);
@@ -107,13 +114,16 @@ export class Strip {
     const next = iconButton("next", { key: "photographNext", disabled: isLast, click: step(1) });
     const close = iconButton("close", { key: "close", click: () => this.on.close() });
     const slide = (/** @type {Event} */ event) => this.on.blend(Number(/** @type {HTMLInputElement} */ (event.target).value) / 100);
-    const blend = html`<label class="photo-blend"><span>${t("photographBlend")}</span><input type="range" min="0" max="100" step="1" .value=${String(Math.round(share * 100))} ?disabled=${state === "loading"} @input=${slide}></label>`;
+    const blend = html`<label class="photo-blend"><span>${t("photographBlend")}</span><input type="range" min="0" max="100" step="1" .value=${String(Math.round(share * 100))} ?disabled=${state === "loading" || state === "failed"} @input=${slide}></label>`;
     const size = bytes(photo.bytes);
-    const whole = html`<button type="button" class="button outlined" @click=${() => this.on.whole()}>${t("photographWhole", { size })}</button>`;
+    const whole = html`<button type="button" class="button outlined" @click=${() => this.on.load(true)}>${t("photographWhole", { size })}</button>`;
     const file = html`<a class="button icon" data-label="photographFile" aria-label=${t("photographFile")} href=${photo.path ? this.on.address(photo.path) : nothing} target="_blank" rel="noopener">${icon("external")}</a>`;
-    const words = { none: "photographNone", loading: "photographLoading", preview: "photographHelp", whole: "photographHelp" }[state];
+    const words = { none: "photographNone", loading: "photographLoading", failed: "photographBroken", preview: "photographHelp", whole: "photographHelp" }[
+      state
+    ];
+    const again = html`<button type="button" class="button outlined" @click=${() => this.on.load(false)}>${t("tryAgain")}</button>`;
     const hasMore = state === "preview" && photo.preview;
-    return html`<div class="photo-bar" data-state=${state}>${previous}<div class="photo-name"><strong dir="auto">${photo.name}</strong><span class="quiet" dir="auto">${this.credit}</span></div>${next}${photo.path ? blend : nothing}${hasMore ? whole : nothing}${photo.path ? file : nothing}${close}<p class="quiet" role="status">${t(words)}</p></div>`;
+    return html`<div class="photo-bar" data-state=${state}>${previous}<div class="photo-name"><strong dir="auto">${photo.name}</strong><span class="quiet" dir="auto">${this.credit}</span></div>${next}${photo.path ? blend : nothing}${hasMore ? whole : nothing}${state === "failed" ? again : nothing}${photo.path ? file : nothing}${close}<p class="quiet" role="status">${t(words)}</p></div>`;
   }
 
   /**

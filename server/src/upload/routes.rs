@@ -33,8 +33,8 @@ const OFFSET: HeaderName = HeaderName::from_static("upload-offset");
 const LENGTH: HeaderName = HeaderName::from_static("upload-length");
 /// The version of tus that is spoken.
 const TUS: &str = "1.0.0";
-/// Largest intent, bytes, and the time to send it.
-const INTENT_MAX: usize = 4 << 20;
+/// Largest intent, bytes, and the time to send it. A version with 10,000 photographs, their masks and smaller copies has about 6 MB.
+const INTENT_MAX: usize = 16 << 20;
 const INTENT_TIME: Duration = Duration::from_secs(30);
 /// A body that sends nothing for this long is given up.
 const STALL: Duration = Duration::from_secs(30);
