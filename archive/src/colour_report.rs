@@ -155,7 +155,7 @@ pub struct SmallerCopy {
 impl SmallerCopy {
     fn is_valid(&self) -> bool {
         is_photograph(&self.path)
-            && self.path.ends_with(".jpg")
+            && self.path.rsplit_once('.').is_some_and(|(_, ending)| ending == "jpg")
             && is_sha256(&self.sha256)
             && (1..=SMALLER_COPY_MAX).contains(&self.bytes)
             && self.size.iter().all(|side| (1..=SMALLER_COPY_SIDE_MAX).contains(side))

@@ -125,16 +125,17 @@ fn warning(failed: &[String]) -> Option<String> {
 fn of_file(path: &Path, photo: &Photograph) -> Result<Made, String> {
     let file = plain_file::open(path).map_err(|e| e.to_string())?;
     let reader = ImageReader::new(BufReader::with_capacity(1 << 20, file));
-    let mut decoder = reader.with_guessed_format().map_err(|e| e.to_string())?.into_decoder().map_err(in_words)?;
+    let mut decoder =
+        reader.with_guessed_format().map_err(|e| e.to_string())?.into_decoder().map_err(|e| e.to_string())?;
     // The memory that decoding takes was bounded by this size.
     let (width, height) = decoder.dimensions();
     if [width, height] != photo.camera.size {
         let [wide, high] = photo.camera.size;
         return Err(format!("it has {width} × {height} pixels; its camera in the report has {wide} × {high}"));
     }
-    let orientation = decoder.orientation().map_err(in_words)?;
-    let profile = decoder.icc_profile().map_err(in_words)?;
-    let picture = DynamicImage::from_decoder(decoder).map_err(in_words)?.into_rgb8();
+    let orientation = decoder.orientation().map_err(|e| e.to_string())?;
+    let profile = decoder.icc_profile().map_err(|e| e.to_string())?;
+    let picture = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?.into_rgb8();
     let side = if photo.camera.kind == "pinhole" { PREVIEW_SIDE } else { PANORAMA_SIDE };
     let preview = smaller(&picture, side);
     let thumbnail = smaller(preview.as_ref().unwrap_or(&picture), THUMBNAIL_SIDE).map(|picture| {
@@ -144,10 +145,6 @@ fn of_file(path: &Path, photo: &Photograph) -> Result<Made, String> {
     });
     let encoded = |picture: Option<RgbImage>| picture.map(|picture| jpeg(&picture, profile.clone())).transpose();
     Ok(Made { preview: encoded(preview)?, thumbnail: encoded(thumbnail)? })
-}
-
-fn in_words(e: image::ImageError) -> String {
-    e.to_string()
 }
 
 /// A picture whose longer side has so many pixels; None if it is not longer.
@@ -169,7 +166,7 @@ fn jpeg(picture: &RgbImage, profile: Option<Vec<u8>>) -> Result<(Vec<u8>, [u32; 
     if let Some(profile) = profile {
         encoder.set_icc_profile(profile).map_err(|e| e.to_string())?;
     }
-    encoder.encode_image(picture).map_err(in_words)?;
+    encoder.encode_image(picture).map_err(|e| e.to_string())?;
     Ok((bytes, [picture.width(), picture.height()]))
 }
 
@@ -211,8 +208,8 @@ mod tests {
         (Found { from, path: "photographs/a.jpg".to_owned(), bytes: photo.bytes, sha256: sum }, photo)
     }
 
-    fn decoded(copy: &Option<(Vec<u8>, [u32; 2])>) -> RgbImage {
-        let (bytes, size) = copy.as_ref().unwrap();
+    fn decoded(copy: Option<&(Vec<u8>, [u32; 2])>) -> RgbImage {
+        let (bytes, size) = copy.unwrap();
         let picture = image::load_from_memory(bytes).unwrap().into_rgb8();
         assert_eq!(picture.dimensions(), (size[0], size[1]));
         picture
@@ -224,11 +221,11 @@ mod tests {
         // 6: turned to the left; to see it upright, turn it to the right.
         let (file, photo) = photograph(folder.path(), "pinhole", [2400, 1800], 6);
         let made = of_file(&file.from, &photo).unwrap();
-        let preview = decoded(&made.preview);
+        let preview = decoded(made.preview.as_ref());
         assert_eq!(preview.dimensions(), (1600, 1200));
         let is_red = |pixel: &Rgb<u8>| pixel[0] > 150 && pixel[2] < 50;
         assert!(is_red(preview.get_pixel(800, 10)) && !is_red(preview.get_pixel(800, 1190)));
-        let thumbnail = decoded(&made.thumbnail);
+        let thumbnail = decoded(made.thumbnail.as_ref());
         assert_eq!(thumbnail.dimensions(), (180, 240));
         // What was above is at the right.
         assert!(is_red(thumbnail.get_pixel(170, 120)) && !is_red(thumbnail.get_pixel(10, 120)));
@@ -245,13 +242,13 @@ mod tests {
     fn panoramas_keep_more_pixels_and_small_photographs_need_no_copies() {
         let folder = private_folder("kilwa-test-").unwrap();
         let (file, photo) = photograph(folder.path(), "equirectangular", [5000, 2500], 1);
-        assert_eq!(decoded(&of_file(&file.from, &photo).unwrap().preview).dimensions(), (4096, 2048));
+        assert_eq!(decoded(of_file(&file.from, &photo).unwrap().preview.as_ref()).dimensions(), (4096, 2048));
         let (file, photo) = photograph(folder.path(), "pinhole", [240, 100], 1);
         let made = of_file(&file.from, &photo).unwrap();
         assert!(made.preview.is_none() && made.thumbnail.is_none());
         let (file, photo) = photograph(folder.path(), "pinhole", [1600, 3], 1);
         let made = of_file(&file.from, &photo).unwrap();
-        assert!(made.preview.is_none() && decoded(&made.thumbnail).dimensions() == (240, 1));
+        assert!(made.preview.is_none() && decoded(made.thumbnail.as_ref()).dimensions() == (240, 1));
     }
 
     #[test]

@@ -188,10 +188,12 @@ fn photographs_and_their_report_are_uploaded_with_the_bytes_of_a_local_publicati
     let (folder, metadata, www) = bench(&METADATA.replace("[[creators]]", &format!("{rights}[[creators]]")));
     let server = Server::start();
     let (to, here) = (format!("http://{}/", server.address), folder.path().join("site"));
-    let publish = |to: &str| {
+    let publish = |to: &str, more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
         command.args(["publish", text(&made.pack), "--to", to, "--metadata", text(&metadata), "--www", text(&www)]);
-        command.args(["--colour-report", text(&made.report), "--photos", text(&made.photos), "--software", "--json"]);
+        command
+            .args(["--colour-report", text(&made.report), "--photos", text(&made.photos), "--software", "--json"])
+            .args(more);
         command.args(["--date", "2026-11-19"]).env("KILWA_TOKEN", &server.token).env_remove("SOURCE_DATE_EPOCH");
         let output = command.stdin(Stdio::null()).output().unwrap();
         assert!(output.status.success(), "{}", printed(&output));
@@ -199,13 +201,14 @@ fn photographs_and_their_report_are_uploaded_with_the_bytes_of_a_local_publicati
         assert_eq!((&report["photographs"], &report["masks"]), (&3.into(), &1.into()), "{report}");
         report
     };
-    publish(text(&here));
-    publish(&to);
+    publish(text(&here), &[]);
+    publish(&to, &[]);
     let (here, there) = (tree(&here.join("fort/v1"), true), tree(&server.folder().join("fort/v1"), true));
     assert_eq!(here.keys().collect::<Vec<_>>(), there.keys().collect::<Vec<_>>());
     for (path, bytes) in &here {
         assert!(*bytes == there[path], "{path}");
     }
     assert!(here.keys().any(|path| path.ends_with("photographs/IMG_0001.jpg")), "{:?}", here.keys());
-    assert_eq!(publish(&to)["already"], true);
+    assert_eq!(publish(&to, &[])["already"], true);
+    assert_eq!(publish(&to, &["--dry-run"])["already"], true);
 }

@@ -293,3 +293,42 @@ fn an_unusable_store_is_refused_with_what_to_do_and_without_the_keys() {
     bucket.proxy.up();
     assert_eq!(done(&keeper.publish("Now with a cistern.", &second))["version"], 2, "the same command goes on");
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn photographs_are_published_to_a_store_with_the_bytes_of_a_local_publication() {
+    let Some(bucket) = Bucket::start("photographs_are_published_to_a_store…") else { return };
+    let (keeper, made) = (Keeper::of(&bucket), crate::publish::photographs::coloured());
+    let (local, metadata) = (keeper.path("local"), keeper.path("photographed.toml"));
+    std::fs::write(&metadata, format!("{METADATA}[photographs]\nrights = \"CC BY-NC 4.0\"\n")).unwrap();
+    let publish = |to: &[&str]| {
+        let mut command = Keeper::kilwa();
+        command
+            .args(["publish", text(&made.pack), "--metadata", text(&metadata), "--software", "--json", "--to"])
+            .args(to);
+        command.args(["--colour-report", text(&made.report), "--photos", text(&made.photos), "--www"]);
+        let output = command.arg(keeper.path("www")).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice::<serde_json::Value>(&output.stdout).unwrap()
+    };
+    let there = [ARCHIVE, "--s3-endpoint", &keeper.endpoint];
+    publish(&[text(&local)]);
+    assert_eq!(publish(&[&there[..], &["--dry-run"]].concat())["photograph_copies"], 3);
+    let report = publish(&there);
+    assert_eq!((&report["photographs"], &report["masks"]), (&3.into(), &1.into()), "{report}");
+    let server = keeper.serve();
+    let object = local.join("fort");
+    let manifest = Manifest::parse(&std::fs::read(object.join("manifest.json")).unwrap()).unwrap();
+    let list = std::fs::read_to_string(object.join(&manifest.versions[0].checksums.url)).unwrap();
+    let names: Vec<_> = list.lines().filter_map(|line| line.split_once("  ").map(|(_, path)| path)).collect();
+    let of_photographs = names.iter().filter(|path| path.starts_with("photographs/") || **path == "colour-report.json");
+    let mut compared = 0;
+    for path in of_photographs {
+        let (here, answer) =
+            (std::fs::read(object.join("v1").join(path)).unwrap(), server.get(&format!("/fort/v1/{path}"), "").await);
+        assert!(answer.body == here, "{path}: {}", answer.head);
+        compared += 1;
+    }
+    // Three photographs with a thumbnail each, a mask, and the report.
+    assert_eq!(compared, 8, "{list}");
+    assert_eq!(publish(&there)["already"], true);
+}

@@ -172,6 +172,7 @@ class Photographs {
     if (!this.#isHere || this.#shown?.photo === photo) return;
     const { scene } = this;
     const share = this.#shown?.share ?? 1;
+    this.#mark(null);
     if (scene.walk.on) scene.on.orbit(); // with the opening angle of before
     if (!this.#visit) this.#before = scene.flight.there.fieldOfView;
     this.#forget();

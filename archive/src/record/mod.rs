@@ -23,7 +23,7 @@ pub use ro_crate::ro_crate;
 pub use schema_org::schema_org;
 
 use super::checksums::{Checksum, sha256};
-use super::colour_report::{COLOUR_REPORT_MAX, ColourReport};
+use super::colour_report::{COLOUR_REPORT_MAX, ColourReport, Photograph};
 use super::holes::{HOLES_MAX, Holes};
 use super::layout::{
     ANNOTATIONS, CITATIONS, COLOUR_REPORT, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET,
@@ -148,7 +148,7 @@ impl Included {
     pub fn of(report: &ColourReport) -> Option<Self> {
         let photographs: BTreeSet<&str> = report.photographs.iter().filter_map(|photo| photo.path.as_deref()).collect();
         let copies: BTreeSet<&str> =
-            report.photographs.iter().flat_map(|photo| photo.copies()).map(|copy| copy.path.as_str()).collect();
+            report.photographs.iter().flat_map(Photograph::copies).map(|copy| copy.path.as_str()).collect();
         let mut included = Self::default();
         for file in report.files() {
             if copies.contains(file.path) {
