@@ -8,6 +8,7 @@
 import { announce, elementOf, notice, openTab } from "../chrome.js";
 import { $ } from "../dom.js";
 import { apply, t } from "../i18n.js";
+import { partStyles } from "../part-styles.js";
 import { get, put } from "../store.js";
 import { LONGEST } from "./address.js";
 import { Bar } from "./bar.js";
@@ -392,12 +393,5 @@ function checked({ tool, points = [], rays = [], color }) {
   return kind;
 }
 
-/** The sheet of what is only here: resolves when it applies, or cannot be had. */
-export function styles() {
-  if (document.querySelector("link[href$='measure.css']")) return Promise.resolve();
-  const link = Object.assign(document.createElement("link"), { rel: "stylesheet", href: "measure.css" });
-  return new Promise((/** @type {(value: void) => void} */ resolve) => {
-    link.onload = link.onerror = () => resolve();
-    document.head.append(link);
-  });
-}
+/** The sheet of what is only here. */
+export const styles = () => partStyles("measure.css");

@@ -7,6 +7,7 @@ import { announce, notice, peek } from "../chrome.js";
 import { $ } from "../dom.js";
 import { add, onChange, t } from "../i18n.js";
 import { why } from "../messages.js";
+import { partStyles } from "../part-styles.js";
 import { show } from "../view.js";
 import { Frusta } from "./frusta.js";
 import { Overlay } from "./overlay.js";
@@ -35,16 +36,6 @@ async function words() {
   const messages = await response.json();
   if (lang !== document.documentElement.lang) return words();
   add(messages);
-}
-
-/** The sheet of what is only here. @returns {Promise<void>} */
-function styles() {
-  if (document.querySelector("link[href$='photographs.css']")) return Promise.resolve();
-  const link = Object.assign(document.createElement("link"), { rel: "stylesheet", href: "photographs.css" });
-  return new Promise((resolve) => {
-    link.onload = link.onerror = () => resolve();
-    document.head.append(link);
-  });
 }
 
 class Photographs {
@@ -436,7 +427,7 @@ function ahead({ position }, camera) {
 export async function offer(current, { report, pack, read }) {
   const { scene } = current;
   try {
-    await Promise.all([words(), styles()]);
+    await Promise.all([words(), partStyles("photographs.css")]);
     if (!scene?.isOpen || current.scene !== scene) return;
     current.photographs?.close();
     const photographs = new Photographs(current, scene, new URL(report, new URL(pack, location.href)), read);
