@@ -215,12 +215,15 @@ test("from a photograph, another view is reached as from anywhere else, with the
   const { page, complaints, close } = await open(browser, PAGE(), { size: [1000, 700], reducedMotion: "no-preference" });
   await openStrip(page);
   const camera = () => page.evaluate(() => globalThis.kilwa.api.getCamera());
+  // A camera that stays the same for five frames is at rest.
   const rest = () =>
-    page.waitForFunction(async () => {
-      const key = () => JSON.stringify(globalThis.kilwa.api.getCamera());
-      const first = key();
-      for (let frame = 0; frame < 5; frame += 1) await new Promise((resolve) => requestAnimationFrame(resolve));
-      return key() === first;
+    page.evaluate(async () => {
+      for (let same = 0, last = ""; same < 5; ) {
+        await new Promise((resolve) => requestAnimationFrame(resolve));
+        const key = JSON.stringify(globalThis.kilwa.api.getCamera());
+        same = key === last ? same + 1 : 0;
+        last = key;
+      }
     });
   for (const go of [() => tool(page, "Show the whole model").click(), () => page.keyboard.press("2"), () => page.keyboard.press("6")]) {
     await openPhotograph(page, 0);
