@@ -1,8 +1,8 @@
 //! Smaller copies of published photographs, for the page of the model: previews, which it lays over the model, and thumbnails, which it lists.
 //!
 //! A photograph has 5 MB or more; without copies, the page would take minutes to load on a slow connection. They are made in a temporary folder before
-//! anything is published, because the colour report states their SHA-256. Small photographs get none. Copies have the colour profile of their photograph, but
-//! no EXIF data.
+//! anything is published, because the colour report states their SHA-256. Small photographs get none. Copies are RGB and have the colour profile of their photograph if
+//! it is one of RGB, but no EXIF data.
 
 use super::photographs::{Colours, Found};
 use super::progress::{Progress, Stage};
@@ -134,7 +134,7 @@ fn of_file(path: &Path, photo: &Photograph) -> Result<Made, String> {
         return Err(format!("it has {width} × {height} pixels; its camera in the report has {wide} × {high}"));
     }
     let orientation = decoder.orientation().map_err(|e| e.to_string())?;
-    let profile = decoder.icc_profile().map_err(|e| e.to_string())?;
+    let profile = decoder.icc_profile().map_err(|e| e.to_string())?.filter(|profile| is_of_rgb(profile));
     let picture = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?.into_rgb8();
     let side = if photo.camera.kind == "pinhole" { PREVIEW_SIDE } else { PANORAMA_SIDE };
     let preview = smaller(&picture, side);
@@ -145,6 +145,11 @@ fn of_file(path: &Path, photo: &Photograph) -> Result<Made, String> {
     });
     let encoded = |picture: Option<RgbImage>| picture.map(|picture| jpeg(&picture, profile.clone())).transpose();
     Ok(Made { preview: encoded(preview)?, thumbnail: encoded(thumbnail)? })
+}
+
+/// Whether a colour profile describes RGB values, as those of a copy are, and not grey values or inks (data colour space field, ICC.1:2022, 7.2.6).
+fn is_of_rgb(profile: &[u8]) -> bool {
+    profile.get(16..20) == Some(b"RGB ")
 }
 
 /// A picture whose longer side has so many pixels; None if it is not longer.
@@ -176,8 +181,8 @@ mod tests {
     use image::Rgb;
     use kilwa_archive::ColourReport;
 
-    /// Stands for a colour profile.
-    const PROFILE: &[u8] = b"a colour profile";
+    /// Stands for a colour profile: the data colour space follows 16 bytes of other fields.
+    const PROFILE: &[u8] = b"0123456789abcdefRGB XYZ ";
 
     /// A photograph of a report, and its file: red above, blue below, with this EXIF orientation.
     fn photograph(folder: &Path, kind: &str, [width, height]: [u32; 2], orientation: u8) -> (Found, Photograph) {
@@ -236,6 +241,24 @@ mod tests {
             ImageReader::with_format(std::io::Cursor::new(&bytes), image::ImageFormat::Jpeg).into_decoder().unwrap();
         assert_eq!(decoder.icc_profile().unwrap().as_deref(), Some(PROFILE));
         assert_eq!(decoder.exif_metadata().unwrap(), None);
+    }
+
+    #[test]
+    fn the_copies_of_a_grey_photograph_have_no_profile_of_grey_values() {
+        let folder = private_folder("kilwa-test-").unwrap();
+        let (file, photo) = photograph(folder.path(), "pinhole", [2400, 1800], 1);
+        let mut bytes = Vec::new();
+        let mut encoder = JpegEncoder::new_with_quality(&mut bytes, 90);
+        encoder.set_icc_profile(b"0123456789abcdefGRAYXYZ ".to_vec()).unwrap();
+        encoder.encode_image(&image::GrayImage::from_pixel(2400, 1800, image::Luma([120]))).unwrap();
+        std::fs::write(&file.from, &bytes).unwrap();
+        let made = of_file(&file.from, &photo).unwrap();
+        for (bytes, _) in [made.preview, made.thumbnail].into_iter().flatten() {
+            let mut decoder =
+                ImageReader::with_format(std::io::Cursor::new(&bytes), image::ImageFormat::Jpeg).into_decoder().unwrap();
+            assert_eq!(decoder.icc_profile().unwrap(), None);
+            assert_eq!(DynamicImage::from_decoder(decoder).unwrap().into_rgb8().get_pixel(0, 0), &Rgb([120; 3]));
+        }
     }
 
     #[test]

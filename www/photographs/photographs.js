@@ -214,7 +214,8 @@ class Photographs {
   }
 
   /**
-   * What `ask` answers. Permission to read a closed model lasts for minutes and is renewed with the pack: once more after that.
+   * What `ask` answers; an error of it has the status of the answer as `cause`. Permission to read a closed model lasts for minutes and is renewed with the
+   * pack: `ask` is called once more after that.
    * @template T
    * @param {() => T} ask
    * @returns {Promise<Awaited<T>>}
@@ -223,7 +224,7 @@ class Photographs {
     try {
       return await ask();
     } catch (error) {
-      if (!String(error.message).endsWith("401") || !this.current.pack) throw error;
+      if (error.cause !== 401 || !this.current.pack) throw error;
       await this.current.pack.range(0, 1, undefined, { fresh: true });
       return await ask();
     }
@@ -241,7 +242,7 @@ class Photographs {
     try {
       const blob = await this.#renewing(async () => {
         const response = await fetch(address, { credentials: "same-origin", signal });
-        if (!response.ok) throw new Error(`${address.pathname}: ${response.status}`);
+        if (!response.ok) throw new Error(`${address.pathname}: ${response.status}`, { cause: response.status });
         return response.blob();
       });
       // Calibrations do not turn a photograph as its EXIF data say.
