@@ -16,7 +16,8 @@ use kilwa_builder::build::work::Stop;
 use kilwa_builder::{Capture, Progress as _, Provenance};
 use kilwa_files::made_folders::MadeFolders;
 use kilwa_formats::extract::{Extraction, Format, Output, Repaint, extract_repainted};
-use kilwa_pack::metadata::SourceFile;
+use kilwa_geometry::lattice::MAX_COORDINATE;
+use kilwa_pack::metadata::{Metadata, SourceFile};
 use kilwa_pack::{Chunk, Reader};
 use kilwa_scan::ScanError;
 use kilwa_scan::colour::align::{Aligned, Start};
@@ -54,6 +55,11 @@ pub(crate) struct Args {
     /// Folder for pictures of the photographs that do not fit, with the edges of the model drawn over them.
     #[arg(long, value_name = "DIR", requires = "refine")]
     overlays: Option<PathBuf>,
+    /// Split triangles until no edge spans more than this many pixels of any photograph that sees it; the surface stays the same.
+    ///
+    /// Without it, a detail of the photographs that is smaller than the triangles is lost.
+    #[arg(long, value_name = "PIXELS", value_parser = crate::inputs::texels)]
+    texture_detail: Option<f64>,
     /// Also write the report as a JSON file, to be kept with the model: it lists each photograph with its pose, its share of the colours and its tone.
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
@@ -70,6 +76,8 @@ struct ModelPack {
     path: PathBuf,
     /// The mesh that it was built from, if the pack is temporary.
     mesh: Option<PathBuf>,
+    /// What the pack that was given states about itself.
+    metadata: Metadata,
 }
 
 impl Args {
@@ -212,6 +220,7 @@ fn work(
         scratch: scratch.path().to_owned(),
         refine: args.refine,
         overlays: args.overlays.clone(),
+        texture_detail: args.texture_detail,
     };
     let (mut aligned, mut doubt) = (None, None);
     bar.update("placing the photographs", 0, 1);
@@ -274,7 +283,7 @@ impl Coloured<'_> {
     fn write_pack(&self, model: &ModelPack, scratch: &Path) -> anyhow::Result<(Extraction, u64)> {
         let mesh = scratch.join("coloured.ply");
         let surface = self.write_mesh(Format::of(&mesh, false)?, &Output::prepare(&mesh, false)?)?;
-        let metadata = self.reader.metadata();
+        let metadata = &model.metadata;
         let mut sources = match &model.mesh {
             Some(mesh) => vec![source_file(mesh, self.bar, self.stop)?],
             None => metadata.sources.clone(),
@@ -296,7 +305,10 @@ impl Coloured<'_> {
             common.capture_accuracy = metadata.capture_accuracy;
         }
         let provenance = Provenance { sources: summarised(sources), capture };
-        let step = Some(metadata.lattice_step);
+        // Where triangles were split, the lattice is finer by as much, as far as that on which they were split is.
+        let halvings = self.report.split.map_or(0, |split| split.halvings);
+        let step = metadata.lattice_step / f64::from(halvings).exp2();
+        let step = Some(step.max(self.reader.header().lattice.step()));
         let building = build::Args::of_mesh(mesh, self.args.output.clone(), common, step, Some(provenance));
         Ok((surface, build::within(&building, self.bar, self.stop)?.pack.bytes))
     }
@@ -306,13 +318,64 @@ impl Coloured<'_> {
 fn as_pack(args: &Args, path: &Path, scratch: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<ModelPack> {
     ensure!(path.exists(), "{} does not exist", path.display());
     ensure!(path.is_file(), "{} is not a file; give one mesh or pack", path.display());
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("kilwa")) {
-        return Ok(ModelPack { path: path.to_owned(), mesh: None });
+    let build = |mesh: &Path, pack: PathBuf, common: build::Common, step: Option<f64>| -> anyhow::Result<PathBuf> {
+        let building = build::Args::of_mesh(mesh.to_owned(), pack.clone(), common, step, None);
+        build::within(&building, bar, stop)?;
+        Ok(pack)
+    };
+    let is_mesh = !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("kilwa"));
+    let pack = if is_mesh {
+        build(path, scratch.join("model.kilwa"), args.common(scratch, None, None), None)?
+    } else {
+        path.to_owned()
+    };
+    let reader = open_pack(&pack)?;
+    let metadata = reader.metadata().clone();
+    let model = ModelPack { path: pack, mesh: is_mesh.then(|| path.to_owned()), metadata };
+    if args.texture_detail.is_none() || reader.header().is_of_points() {
+        return Ok(model);
     }
-    let pack = scratch.join("model.kilwa");
-    let building = build::Args::of_mesh(path.to_owned(), pack.clone(), args.common(scratch, None, None), None, None);
-    build::within(&building, bar, stop)?;
-    Ok(ModelPack { path: pack, mesh: Some(path.to_owned()) })
+    // The lattice is about sixteen times as fine as the edges, which is too coarse for the parts of edges.
+    let step = finer_step(&model.metadata);
+    let common = args.common(scratch, Some(model.metadata.title.clone()), model.metadata.crs.clone());
+    let mesh = if is_mesh { path.to_owned() } else { scratch.join("model.ply") };
+    if !is_mesh {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(args.resources.threads()).build()?;
+        let progress = |done, all| bar.update("reading the model", done, all);
+        let output = Output::prepare(&mesh, false)?;
+        extract_repainted(&reader, Format::of(&mesh, false)?, &Unchanged { stop }, &output, &pool, &progress)?;
+    }
+    let finer = build(&mesh, scratch.join("finer.kilwa"), common, Some(step))?;
+    drop(reader);
+    let not_needed = if is_mesh { &model.path } else { &mesh };
+    std::fs::remove_file(not_needed).with_context(|| format!("cannot remove {}", not_needed.display()))?;
+    Ok(ModelPack { path: finer, ..model })
+}
+
+/// Leaves a model as it is; a signal stops the work.
+struct Unchanged<'a> {
+    stop: &'a Stop,
+}
+
+impl Repaint for Unchanged<'_> {
+    fn scalars(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    fn repaint(&self, _: u32, _: &mut Chunk) -> Result<(), Box<dyn Error + Send + Sync>> {
+        if self.stop.asked() { Err(Box::new(ScanError::Stopped)) } else { Ok(()) }
+    }
+}
+
+/// The spacing of a lattice that is sixteen times as fine as that of a pack, or less if the model is too large for it.
+fn finer_step(metadata: &Metadata) -> f64 {
+    let extent = (0..3).map(|k| metadata.bounds_max[k] - metadata.bounds_min[k]).fold(0.0, f64::max);
+    let fits = |step: &f64| 1.1 * extent / step < f64::from(MAX_COORDINATE);
+    [16.0, 8.0, 4.0, 2.0]
+        .into_iter()
+        .map(|times| metadata.lattice_step / times)
+        .find(fits)
+        .unwrap_or(metadata.lattice_step)
 }
 
 /// Shows progress on a bar; a signal stops the work.

@@ -142,7 +142,7 @@ pub(crate) fn origin(text: &str) -> Result<DVec3, String> {
     }
 }
 
-fn texels(text: &str) -> Result<f64, String> {
+pub(crate) fn texels(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|v| (1.0..=65536.0).contains(v))

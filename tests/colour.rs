@@ -16,7 +16,18 @@ fn photographs(folder: &Path, size: &str) -> PathBuf {
 fn fort(folder: &Path, triangles: &str) -> [PathBuf; 2] {
     let [colored, pack, plain] = ["colored.ply", "fort.kilwa", "fort.stl"].map(|name| folder.join(name));
     succeeds(&["synth", "fort", "--triangles", triangles, "-o", text(&colored)]);
-    succeeds(&["build", text(&colored), "--title", "The fort", "--capture-accuracy", "0.005", "-o", text(&pack)]);
+    succeeds(&[
+        "build",
+        text(&colored),
+        "--title",
+        "The fort",
+        "--crs",
+        "EPSG:32737",
+        "--capture-accuracy",
+        "0.005",
+        "-o",
+        text(&pack),
+    ]);
     succeeds(&["extract", text(&pack), "-o", text(&plain)]);
     [pack, plain]
 }
@@ -88,6 +99,57 @@ fn a_mesh_and_a_pack_get_the_same_colours_from_photographs() {
     let unseen = (0..back.vertices.len() as u32).filter(|v| back.get(*v, "photos") == Some(0.0));
     let levels: std::collections::HashSet<u64> = unseen.map(|v| back.get(v, "red").unwrap() as u64).collect();
     assert!(levels.len() > 20, "{levels:?}");
+}
+
+#[test]
+fn triangles_are_split_for_the_detail_of_photographs_in_meshes_and_packs() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let photos = photographs(folder.path(), "160x120");
+    let [pack, plain] = fort(folder.path(), "10k");
+    let (mesh, fine) = (at("mesh.ply"), at("fine.kilwa"));
+    let options = ["--photos", text(&photos), "--texture-detail", "2", "-o"];
+    let report = json(&[&["colour", text(&plain)], options.as_slice(), &[text(&mesh)]].concat());
+    let split = &report["triangles_split"];
+    let count = |name: &str| split[name].as_u64().unwrap();
+    assert!(count("after") > 2 * count("before"), "{split}");
+    let ply = Ply::read(&mesh);
+    assert_eq!(
+        (report["triangles"].as_u64().unwrap(), report["vertices"].as_u64().unwrap()),
+        (count("after"), ply.vertices.len() as u64)
+    );
+    let (color, _) = seen(&ply);
+
+    let printed = succeeds(&[&["colour", text(&pack)], options.as_slice(), &[text(&fine)]].concat());
+    assert!(printed.contains("triangles of the surface were split into"), "{printed}");
+    succeeds(&["verify", text(&fine)]);
+    // What the pack stated about itself is not lost, and no temporary file is named.
+    let [before, after] = [&pack, &fine].map(|pack| json(&["info", text(pack)])["metadata"].clone());
+    for name in ["title", "capture_accuracy", "crs"] {
+        assert!(before[name] == after[name] && !after[name].is_null(), "{name}: {before} {after}");
+    }
+    let sources = after["sources"].to_string();
+    assert!(
+        sources.contains("colored.ply") && sources.contains("IMG_0001.jpg") && !sources.contains("model"),
+        "{sources}"
+    );
+    let back = at("back.ply");
+    succeeds(&["extract", text(&fine), "-o", text(&back)]);
+    let back = Ply::read(&back);
+    assert!(back.vertices.len() as f64 > 0.95 * ply.vertices.len() as f64);
+    let (other, _) = seen(&back);
+    assert!(color.iter().zip(other).all(|(a, b)| (a - b).abs() < 3.0), "{color:?} {other:?}");
+    // Nor is it lost in a mesh.
+    let named = at("named.ply");
+    succeeds(&[&["colour", text(&pack)], options.as_slice(), &[text(&named)]].concat());
+    let start = std::fs::read(&named).unwrap();
+    let header = String::from_utf8_lossy(&start[..start.len().min(1000)]).into_owned();
+    assert!(header.contains("The fort") && header.contains("EPSG:32737"), "{header}");
+    let none = at("no.ply");
+    let output =
+        kilwa(&["colour", text(&pack), "--photos", text(&photos), "--texture-detail", "0.5", "-o", text(&none)]);
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(error.contains("expected a number from 1 to 65536"), "{error}");
 }
 
 #[test]

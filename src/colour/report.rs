@@ -9,7 +9,7 @@ use kilwa_pack::metadata::SourceFile;
 use kilwa_pack::plural::{counted, plural};
 use kilwa_pack::visible::visible;
 use kilwa_scan::colour::align::Aligned;
-use kilwa_scan::colour::{Input, PhotoReport};
+use kilwa_scan::colour::{Input, PhotoReport, Split};
 use kilwa_scan_core::photo_pose::Similarity;
 use kilwa_scan_core::photo_pose::icp::SurfaceFit;
 use serde_json::{Value, json};
@@ -47,6 +47,13 @@ pub(super) fn print(args: &Args, done: &Done, seconds: f64) -> anyhow::Result<()
         100.0 * share(report.coloured, report.vertices),
         counted(report.photos.iter().filter(|photo| photo.seen > 0).count() as u64, "photograph", "photographs"),
     )?;
+    if let Some(Split { before, after, .. }) = report.split {
+        if after > before {
+            writeln!(out, "  The {} triangles of the surface were split into {}.", grouped(before), grouped(after))?;
+        } else {
+            writeln!(out, "  No triangle was split: no photograph shows more detail than the vertices can hold.")?;
+        }
+    }
     if let Some(aligned) = &done.aligned {
         writeln!(out, "  {}", frame_in_words(aligned))?;
     }
@@ -113,6 +120,7 @@ fn as_json(args: &Args, done: &Done, left_out: &[LeftOut<'_>]) -> Value {
         "vertices": done.vertices,
         "coloured_share": share(report.coloured, report.vertices),
         "points_compared": report.places,
+        "triangles_split": report.split.map(|Split { before, after, .. }| json!({"before": before, "after": after})),
         "not_stored": done.left_out,
         "brightness": report.brightness,
         "photographs": used.map(|(photo, (input, files))| photo_as_json(photo, input, files.as_ref())).collect::<Vec<_>>(),

@@ -254,8 +254,9 @@ mod tests {
         std::fs::write(&file.from, &bytes).unwrap();
         let made = of_file(&file.from, &photo).unwrap();
         for (bytes, _) in [made.preview, made.thumbnail].into_iter().flatten() {
-            let mut decoder =
-                ImageReader::with_format(std::io::Cursor::new(&bytes), image::ImageFormat::Jpeg).into_decoder().unwrap();
+            let mut decoder = ImageReader::with_format(std::io::Cursor::new(&bytes), image::ImageFormat::Jpeg)
+                .into_decoder()
+                .unwrap();
             assert_eq!(decoder.icc_profile().unwrap(), None);
             assert_eq!(DynamicImage::from_decoder(decoder).unwrap().into_rgb8().get_pixel(0, 0), &Rgb([120; 3]));
         }

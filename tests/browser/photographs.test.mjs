@@ -549,6 +549,9 @@ test("the part for photographs speaks the language of the page, and axe-core fin
     await waitFor(page, "settled");
     if (SHOTS) await page.screenshot({ path: path.join(SHOTS, `photographs-${locale}.png`) });
     assert.deepEqual(await serious(page, locale, ["#display", ".photo-strip"]), []);
+    const turned = await page.locator(".photo-bar > button.icon svg").evaluateAll((all) => all.map((svg) => getComputedStyle(svg).transform));
+    const arrow = locale === "ar" ? "matrix(-1, 0, 0, 1, 0, 0)" : "none";
+    assert.deepEqual(turned, [arrow, arrow, "none"], "the arrows of previous and next point in the direction of reading");
     for (const [language, name] of [
       ["fr", "Photographies"],
       ["sw", "Picha"],

@@ -14,6 +14,7 @@ mod model;
 mod observe;
 mod paint;
 mod picture;
+mod subdivide;
 #[cfg(test)]
 mod tests;
 mod unseen;
@@ -40,18 +41,21 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use vertices::{Vertices, mixed};
 
-/// What else helps if the disk is full: nothing.
-const REMEDY: &str = "";
 /// Approximate number of vertices from which tones are estimated.
 const TONE_VERTICES: u64 = 150_000;
-/// Bytes in memory for each pixel of a photograph, and for its depth maps.
 /// Focal lengths that differ by less than this share belong to the same lens.
 const SAME_LENS: f64 = 0.03;
+/// Bytes in memory for each pixel of a photograph, and for its depth maps.
 const PIXEL_BYTES: u64 = 12;
 const VIEW_BYTES: u64 = 40 << 20;
 /// The share of places that may become white, and the linear light of the brightest of the others.
 const WHITE: f64 = 0.005;
 const BRIGHTEST: f32 = 0.95;
+
+/// What else helps if the disk is full.
+fn remedy(are_triangles_split: bool) -> &'static str {
+    if are_triangles_split { ", or give a larger number of pixels for --texture-detail" } else { "" }
+}
 
 /// How to colour.
 #[derive(Debug, Clone)]
@@ -66,6 +70,8 @@ pub struct Options {
     pub refine: bool,
     /// A folder for pictures of photographs that do not fit, with the edges of the model drawn over them.
     pub overlays: Option<PathBuf>,
+    /// Split triangles until no edge spans more than this many pixels of any photograph that sees a corner of its triangle.
+    pub texture_detail: Option<f64>,
 }
 
 /// A photograph to colour from.
@@ -134,6 +140,17 @@ pub struct Refinement {
     pub agreement: f64,
 }
 
+/// How triangles were split.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Split {
+    /// Triangles before.
+    pub before: u64,
+    /// Triangles after.
+    pub after: u64,
+    /// How often the edge that was split most was halved.
+    pub halvings: u8,
+}
+
 /// What was done.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Report {
@@ -143,6 +160,8 @@ pub struct Report {
     pub vertices: u64,
     /// Vertices that at least one photograph sees.
     pub coloured: u64,
+    /// How the triangles of the surface were split, if that was asked for.
+    pub split: Option<Split>,
     /// Places at which photographs were compared to find their tones.
     pub places: usize,
     /// The factor by which light was multiplied so that highlights fit into the range of colours.
@@ -172,13 +191,22 @@ fn coloured<S: Source + Sync>(
     options: &Options,
     progress: &(dyn Progress + Sync),
 ) -> Result<(Colouring, Report), ScanError> {
-    let vertices = Vertices::read(reader, &options.scratch, progress)?;
-    let observations = Observations::create(&options.scratch)?;
-    let share = Subsample((vertices.count() / TONE_VERTICES).max(1));
     let model = Model::new(reader, options.memory / 2);
-    let found = observe_all(&model, inputs, &vertices, &observations, share, options, progress)?;
+    let placing = Placing { model: &model, options };
+    let noted =
+        options.texture_detail.map(|pixels| subdivide::note_all(&placing, inputs, pixels, progress)).transpose()?;
+    let (subdivision, placed) = noted.unzip();
+    let mut vertices = Vertices::read(reader, subdivision, &options.scratch, progress)?;
+    let observations = Observations::create(&options.scratch, remedy(options.texture_detail.is_some()))?;
+    let share = Subsample((vertices.originals() / TONE_VERTICES).max(1));
+    let work = Observing { placing, placed, vertices: &vertices, observations: &observations, share };
+    let found = work.all(inputs, progress)?;
     drop(model);
-    let mut report = Report { vertices: vertices.count(), scratch: observations.bytes(), ..Report::default() };
+    let split = vertices.subdivision.as_ref().map(|subdivision| {
+        let [before, after] = vertices.triangles;
+        Split { before, after, halvings: subdivision.deepest() }
+    });
+    let mut report = Report { vertices: vertices.count(), split, scratch: observations.bytes(), ..Report::default() };
     let (mut runs, mut samples) = (Vec::new(), BTreeMap::<[u32; 2], Vec<ToneSample>>::new());
     for (input, result) in inputs.iter().zip(found) {
         let (found, left_out) = match result {
@@ -205,7 +233,8 @@ fn coloured<S: Source + Sync>(
         photo.corner = tones.vignette(*lens, 1.0);
     }
     let work = Painter { reader, vertices: &vertices, observations: &observations, tones: &tones, brightness };
-    let colouring = work.paint(&runs, &options.scratch, &mut report, progress)?;
+    let mut colouring = work.paint(&runs, &options.scratch, &mut report, progress)?;
+    colouring.subdivision = vertices.subdivision.take();
     Ok((colouring, report))
 }
 
@@ -238,83 +267,63 @@ impl PhotoReport {
     }
 }
 
-/// Process the photographs, as many at once as memory allows. A photograph that cannot be read is left out, with the reason.
-fn observe_all<S: Source + Sync>(
-    model: &Model<'_, S>,
-    inputs: &[Input],
-    vertices: &Vertices,
-    observations: &Observations,
-    share: Subsample,
-    options: &Options,
-    progress: &(dyn Progress + Sync),
-) -> Result<Vec<Result<PhotoObservations, LeftOut>>, ScanError> {
-    let bytes = |input: &Input| {
-        let [width, height] = input.camera.camera.size().map(u64::from);
-        width.saturating_mul(height).saturating_mul(PIXEL_BYTES).saturating_add(VIEW_BYTES)
-    };
-    let (all, at_once) = (options.memory / 2, options.memory / 2 / options.threads.max(1) as u64);
-    let done = AtomicU64::new(0);
-    let one = |(number, input): &(u32, &Input)| {
-        if progress.is_stopped() {
-            return Err(ScanError::Stopped);
-        }
-        let result = if bytes(input) > all {
-            Err(LeftOut::from(format!("it needs {} MiB of memory; allow twice that with --memory", bytes(input) >> 20)))
-        } else {
-            let work = Observing { model, vertices, observations, share, options };
-            work.photograph(*number, input)?
-        };
-        let count = done.fetch_add(1, Ordering::Relaxed) + 1;
-        progress.update("processing the photographs", count, inputs.len() as u64);
-        Ok((*number, result))
-    };
-    // Those that are so large that not every thread could have one are processed one after the other.
-    let (ordinary, large): (Vec<_>, Vec<_>) = (0u32..).zip(inputs).partition(|(_, input)| bytes(input) <= at_once);
-    let mut results = ordinary.par_iter().with_max_len(1).map(one).collect::<Result<Vec<_>, ScanError>>()?;
-    for photo in &large {
-        results.push(one(photo)?);
-    }
-    results.sort_by_key(|(number, _)| *number);
-    Ok(results.into_iter().map(|(_, result)| result).collect())
-}
-
-/// What is needed to process a photograph.
-struct Observing<'a, S> {
+/// What is needed to find out where photographs were taken.
+#[derive(Clone, Copy)]
+struct Placing<'a, S> {
     model: &'a Model<'a, S>,
-    vertices: &'a Vertices,
-    observations: &'a Observations,
-    share: Subsample,
     options: &'a Options,
 }
 
-impl<S: Source + Sync> Observing<'_, S> {
-    /// What a photograph shows; or why it cannot be used.
-    fn photograph(&self, photo: u32, input: &Input) -> Result<Result<PhotoObservations, LeftOut>, ScanError> {
-        let picture = match Photograph::read(&input.path, input.camera.camera.size(), input.mask.as_deref()) {
-            Ok(picture) => picture,
-            Err(why) => return Ok(Err(why.into())),
+/// A photograph's camera and pose, and how it was refined if that was asked for.
+#[derive(Clone, Copy)]
+struct Placed {
+    camera: PosedCamera,
+    refined: Option<Refinement>,
+}
+
+impl<S: Source + Sync> Placing<'_, S> {
+    /// Process photographs, as many at once as memory allows. One that takes more than there is, is left out.
+    fn each<T: Send>(
+        &self,
+        inputs: &[(u32, &Input)],
+        progress: &(dyn Progress + Sync),
+        done: impl Fn() + Sync,
+        process: impl Fn(u32, &Input) -> Result<Result<T, LeftOut>, ScanError> + Sync,
+    ) -> Result<Vec<Result<T, LeftOut>>, ScanError> {
+        let bytes = |input: &Input| {
+            let [width, height] = input.camera.camera.size().map(u64::from);
+            width.saturating_mul(height).saturating_mul(PIXEL_BYTES).saturating_add(VIEW_BYTES)
         };
-        let refined = if self.options.refine {
-            match self.refined(photo, input, &picture)? {
-                Ok(refined) => Some(refined),
-                Err(why) => return Ok(Err(why)),
+        let all = self.options.memory / 2;
+        let at_once = all / self.options.threads.max(1) as u64;
+        let one = |(number, input): &(u32, &Input)| {
+            if progress.is_stopped() {
+                return Err(ScanError::Stopped);
             }
-        } else {
-            None
+            let result = if bytes(input) > all {
+                let mebibytes = bytes(input) >> 20;
+                Err(LeftOut::from(format!("it needs {mebibytes} MiB of memory; allow twice that with --memory")))
+            } else {
+                process(*number, input)?
+            };
+            done();
+            Ok((*number, result))
         };
-        let view = View::new(self.model, refined.map_or(input.camera, |(camera, _)| camera))?;
-        let observer = Observer { photo, view, picture, vertices: self.vertices, share: self.share };
-        let found = self.observations.of(&observer)?;
-        Ok(Ok(PhotoObservations { refined, ..found }))
+        // Those that are so large that not every thread could have one are processed one after the other.
+        let (ordinary, large): (Vec<_>, Vec<_>) = inputs.iter().partition(|(_, input)| bytes(input) <= at_once);
+        let mut results = ordinary.par_iter().with_max_len(1).map(one).collect::<Result<Vec<_>, ScanError>>()?;
+        for photo in &large {
+            results.push(one(photo)?);
+        }
+        results.sort_by_key(|(number, _)| *number);
+        Ok(results.into_iter().map(|(_, result)| result).collect())
     }
 
-    /// The refined camera; or why there is none, in which case a picture may be written.
-    fn refined(
-        &self,
-        photo: u32,
-        input: &Input,
-        picture: &Photograph,
-    ) -> Result<Result<(PosedCamera, Refinement), LeftOut>, ScanError> {
+    /// Where a photograph was taken; or why it cannot be used, in which case a picture may be written.
+    fn placed(&self, photo: u32, input: &Input, picture: &Photograph) -> Result<Result<Placed, LeftOut>, ScanError> {
+        if !self.options.refine {
+            return Ok(Ok(Placed { camera: input.camera, refined: None }));
+        }
         let how = photo_pose::Options::default();
         let side = picture.size().into_iter().max().unwrap_or(1).div_ceil(how.finest);
         let (values, size) = picture.luma(side);
@@ -324,7 +333,7 @@ impl<S: Source + Sync> Observing<'_, S> {
             Ok(found) => {
                 let Quality { residual_px, share, .. } = found.quality;
                 let refined = Refinement { moved_px: found.moved_px, residual_px, agreement: share };
-                Ok(Ok((found.camera, refined)))
+                Ok(Ok(Placed { camera: found.camera, refined: Some(refined) }))
             }
             Err(why) => {
                 let mut left_out = LeftOut::from(why.to_string());
@@ -343,6 +352,57 @@ impl<S: Source + Sync> Observing<'_, S> {
                 Ok(Err(left_out))
             }
         }
+    }
+}
+
+/// What is needed to find out what photographs show.
+struct Observing<'a, S> {
+    placing: Placing<'a, S>,
+    /// Where the photographs were taken, if that is known already.
+    placed: Option<Vec<Result<Placed, LeftOut>>>,
+    vertices: &'a Vertices,
+    observations: &'a Observations,
+    share: Subsample,
+}
+
+impl<S: Source + Sync> Observing<'_, S> {
+    /// What the photographs show. One that cannot be read is left out, with the reason.
+    fn all(
+        &self,
+        inputs: &[Input],
+        progress: &(dyn Progress + Sync),
+    ) -> Result<Vec<Result<PhotoObservations, LeftOut>>, ScanError> {
+        let count = AtomicU64::new(0);
+        let done = || {
+            let count = count.fetch_add(1, Ordering::Relaxed) + 1;
+            progress.update("processing the photographs", count, inputs.len() as u64);
+        };
+        let numbered: Vec<(u32, &Input)> = (0u32..).zip(inputs).collect();
+        self.placing.each(&numbered, progress, done, |number, input| self.photograph(number, input))
+    }
+
+    /// What a photograph shows; or why it cannot be used.
+    fn photograph(&self, photo: u32, input: &Input) -> Result<Result<PhotoObservations, LeftOut>, ScanError> {
+        let known = self.placed.as_ref().and_then(|placed| placed.get(photo as usize));
+        if let Some(Err(why)) = known {
+            return Ok(Err(why.clone()));
+        }
+        let picture = match Photograph::read(&input.path, input.camera.camera.size(), input.mask.as_deref()) {
+            Ok(picture) => picture,
+            Err(why) => return Ok(Err(why.into())),
+        };
+        let placed = match known {
+            Some(placed) => placed.clone(),
+            None => self.placing.placed(photo, input, &picture)?,
+        };
+        let Placed { camera, refined } = match placed {
+            Ok(placed) => placed,
+            Err(why) => return Ok(Err(why)),
+        };
+        let view = View::new(self.placing.model, camera)?;
+        let observer = Observer { photo, view, picture, vertices: self.vertices, share: self.share };
+        let found = self.observations.of(&observer)?;
+        Ok(Ok(PhotoObservations { refined: refined.map(|refined| (camera, refined)), ..found }))
     }
 }
 

@@ -14,7 +14,7 @@ use kilwa_scan_core::colour::tone::ToneSample;
 /// Bytes of an observation.
 const BYTES: usize = 14;
 /// A photograph does not colour a vertex if the cosine of the angle between the normal and the line of sight is smaller.
-const GRAZING: f64 = 0.15;
+pub(super) const GRAZING: f64 = 0.15;
 /// Distances from an occlusion boundary, in pixels: below the first a photograph hardly counts, from the second on it counts fully.
 const BORDER: [f64; 2] = [2.0, 24.0];
 /// The same for the border of the picture, as shares of its longer side.
@@ -99,8 +99,8 @@ pub(super) struct PhotoObservations {
 pub(super) struct Subsample(pub(super) u64);
 
 impl Observations {
-    pub(super) fn create(scratch: &std::path::Path) -> Result<Self, ScanError> {
-        Ok(Self { file: ScratchFile::create(scratch, super::REMEDY)? })
+    pub(super) fn create(scratch: &std::path::Path, remedy: &'static str) -> Result<Self, ScanError> {
+        Ok(Self { file: ScratchFile::create(scratch, remedy)? })
     }
 
     /// The observations of a run.
@@ -126,7 +126,8 @@ impl Observations {
             for (k, vertex) in (0u32..).zip(observer.vertices.of(group)?) {
                 let Some((observed, is_clear)) = observer.observed(k, &vertex) else { continue };
                 observed.to_bytes(&mut bytes);
-                if is_clear && vertex.hash().is_multiple_of(observer.share.0) {
+                // Where triangles are split, a place would count many times.
+                if is_clear && k < group.original && vertex.hash().is_multiple_of(observer.share.0) {
                     found.samples.push(([number, k], observed.tone(observer.photo)));
                 }
             }

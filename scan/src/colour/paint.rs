@@ -1,9 +1,10 @@
 //! Calculates one colour for each vertex, chunk by chunk, and applies the colours to the surface.
 
 use super::observe::{Observations, Run};
+use super::subdivide::Subdivision;
 use super::unseen::{CellSums, Ratios, observe};
 use super::vertices::{Group, Vertices, finest};
-use super::{REMEDY, Report};
+use super::{Report, remedy};
 use crate::ScanError;
 use crate::import::Progress;
 use crate::scratch::{ByteRange, ScratchFile};
@@ -32,6 +33,8 @@ pub struct Colouring {
     ranges: HashMap<u32, ByteRange>,
     file: ScratchFile,
     ratios: Ratios,
+    /// How triangles are split first, if they are.
+    pub(super) subdivision: Option<Subdivision>,
     /// The number of the scalar that the model has already, if it was coloured before.
     channel: Option<usize>,
 }
@@ -64,10 +67,11 @@ impl<S: Source + Sync> Painter<'_, S> {
         report: &mut Report,
         progress: &(dyn Progress + Sync),
     ) -> Result<Colouring, ScanError> {
-        let file = ScratchFile::create(scratch, REMEDY)?;
+        let file = ScratchFile::create(scratch, remedy(self.vertices.subdivision.is_some()))?;
         let lattice = self.vertices.lattice;
         let channel = self.reader.metadata().scalars.iter().position(|scalar| scalar.name == PHOTOS);
-        let mut colouring = Colouring { lattice, ranges: HashMap::new(), file, ratios: Ratios::default(), channel };
+        let mut colouring =
+            Colouring { lattice, ranges: HashMap::new(), file, ratios: Ratios::default(), subdivision: None, channel };
         let numbered: Vec<(u32, &Group)> = (0u32..).zip(&self.vertices.groups).collect();
         for batch in numbered.chunks(BATCH) {
             if progress.is_stopped() {
@@ -148,19 +152,25 @@ impl<S: Source + Sync> Painter<'_, S> {
         if !self.reader.header().attributes.colors {
             return Ok(Vec::new());
         }
-        let chunk = self.reader.chunk(group.chunk).map_err(|source| ScanError::Model { source })?;
+        let mut chunk = self.reader.chunk(group.chunk).map_err(|source| ScanError::Model { source })?;
+        if let Some(subdivision) = &self.vertices.subdivision {
+            subdivision.apply(&mut chunk)?;
+        }
         let used = finest(&chunk.mesh, &chunk.patches);
         Ok(used.iter().map(|k| chunk.mesh.colors[*k as usize]).collect())
     }
 }
 
 impl Colouring {
-    /// Colour the vertices of a chunk that belong to the finest surface, and give all its vertices an additional scalar: the number of photographs that each colour is based on,
+    /// Split the triangles of the finest surface in a chunk if that was asked for, colour its vertices, and give all vertices of the chunk an additional scalar: the number of photographs that each colour is based on,
     /// 0 where the vertex keeps its own colour.
     ///
     /// # Errors
-    /// [`ScanError::Scratch`] if the scratch file cannot be read.
+    /// [`ScanError::Scratch`] if the scratch file cannot be read; [`ScanError::Request`] if splitting makes too many triangles.
     pub fn apply(&self, number: u32, chunk: &mut Chunk) -> Result<(), ScanError> {
+        if let Some(subdivision) = &self.subdivision {
+            subdivision.apply(chunk)?;
+        }
         let mesh = &mut chunk.mesh;
         let count = mesh.positions.len();
         if mesh.colors.is_empty() {

@@ -107,7 +107,7 @@ struct Vertex {
 }
 
 fn options(folder: &Path, threads: usize, memory: u64) -> Options {
-    Options { memory, threads, scratch: folder.to_owned(), refine: false, overlays: None }
+    Options { memory, threads, scratch: folder.to_owned(), refine: false, overlays: None, texture_detail: None }
 }
 
 fn vertices(pack: &[u8], inputs: &[Input], options: &Options) -> (Vec<Vertex>, Report) {
@@ -331,4 +331,131 @@ fn every_photograph_of_a_crowded_place_may_be_compared() {
         }
     }
     assert!(kept.iter().all(|count| (40..130).contains(count)), "{kept:?}");
+}
+
+/// A wall of coarse triangles, painted with stripes narrower than these.
+fn striped(folder: &Path) -> (Vec<u8>, Vec<Input>) {
+    let mut mesh = RawMesh::default();
+    let at = |k: i32| 0.2 * f64::from(k);
+    for (j, i) in (0..=10).flat_map(|j| (0..=20).map(move |i| (j, i))) {
+        mesh.positions.push(DVec3::new(at(i - 10), at(j - 5), 0.0));
+        mesh.normals.push(glam::Vec3::Z);
+        mesh.colors.push([120, 110, 100]);
+    }
+    for (j, i) in (0..10).flat_map(|j| (0..20).map(move |i| (j, i))) {
+        let a: u32 = j * 21 + i;
+        mesh.triangles.extend([[a, a + 1, a + 22], [a, a + 22, a + 21]]);
+    }
+    let options = kilwa_builder::BuildOptions { leaf_triangles: 64, step: Some(1.0 / 1024.0), ..Default::default() };
+    let pack =
+        kilwa_builder::build_pack(mesh, &options, &kilwa_builder::build::progress::Silent).expect("a pack").bytes;
+    // They see what is left of x = 0.4 m, about.
+    let input = |number: usize, y: f64| {
+        let camera = camera_at(DVec3::new(-1.0, y, 2.0), Distortion::default());
+        let mut picture = image::RgbImage::new(SIZE[0], SIZE[1]);
+        for (x, y, pixel) in picture.enumerate_pixels_mut() {
+            let ray = camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)).expect("a ray");
+            pixel.0 = stripes(camera.position() - ray * (2.0 / ray.z)).map(srgb_from_light);
+        }
+        let path = folder.join(format!("{number}.png"));
+        picture.save(&path).expect("a file");
+        Input { name: format!("{number}.png"), path, mask: None, camera, exposure: None }
+    };
+    (pack, vec![input(0, 0.0), input(1, -0.3), input(2, 0.3)])
+}
+
+fn stripes(place: DVec3) -> [f64; 3] {
+    let wave = 0.15 * (40.0 * place.x).sin();
+    [0.3 + wave, 0.2, 0.2 - wave]
+}
+
+#[test]
+fn triangles_are_split_where_a_photograph_shows_more_than_their_corners_can_hold() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (pack, inputs) = striped(folder.path());
+    let plain = options(folder.path(), 2, 1 << 30);
+    let (before, report) = vertices(&pack, &inputs, &plain);
+    assert_eq!(report.split, None);
+    let with_detail = Options { texture_detail: Some(5.0), ..plain.clone() };
+    let (all, report) = vertices(&pack, &inputs, &with_detail);
+    let split = report.split.expect("triangles were split");
+    assert!(split.before == 400 && split.after > 8 * split.before, "{split:?}");
+    // A pixel is 2 m / 260 wide, so vertices are at most 39 mm apart: a quarter of a stripe.
+    let of = |list: &[Vertex]| list.iter().filter(|v| v.photos > 0.0).count();
+    assert!(of(&all) > 20 * of(&before));
+    let wrong = |list: &[Vertex]| {
+        let coloured = list.iter().filter(|v| v.photos > 0.0);
+        let off = coloured.map(|v| (light_from_srgb(v.color[0]) - stripes(v.place)[0]).abs());
+        off.fold(0.0, f64::max)
+    };
+    assert!(wrong(&all) < 0.04, "{}", wrong(&all));
+    // No edge is longer than five pixels where photographs see it.
+    let near = |v: &&Vertex| v.place.x < 0.0 && v.place.y.abs() < 0.8;
+    let steps = all.iter().filter(near).map(|v| (v.place.x * 1024.0).round() as i64);
+    let columns: std::collections::BTreeSet<i64> = steps.collect();
+    let widest = columns.iter().zip(columns.iter().skip(1)).map(|(a, b)| b - a).max();
+    assert!(widest.is_some_and(|steps| steps as f64 / 1024.0 < 5.0 * 2.0 / 260.0), "{widest:?}");
+    // A photograph that cannot be read splits nothing, and what is not photographed is split only to meet the rest.
+    let gone = Input { path: folder.path().join("gone.png"), ..inputs[1].clone() };
+    let (_, report) = vertices(&pack, &[gone, inputs[0].clone()], &with_detail);
+    let (_, alone) = vertices(&pack, &inputs[..1], &with_detail);
+    assert!(report.split == alone.split && report.photos[0].left_out.is_some());
+    let unseen = |list: &[Vertex]| list.iter().filter(|v| v.place.x > 0.7).count();
+    assert_eq!(unseen(&all), unseen(&before));
+    let (one, _) =
+        vertices(&pack, &inputs, &Options { texture_detail: Some(5.0), ..options(folder.path(), 1, 256 << 20) });
+    assert!(one.len() == all.len() && one.iter().zip(&all).all(|(a, b)| a.place == b.place && a.color == b.color));
+}
+
+#[test]
+fn the_split_surface_is_closed_like_the_one_before_and_has_the_same_area() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (pack, inputs) = striped(folder.path());
+    let reader = Reader::open(SliceSource(&pack)).expect("a pack");
+    let with = Options { texture_detail: Some(3.0), ..options(folder.path(), 2, 1 << 30) };
+    let (colouring, report) = colour(&reader, &inputs, &with, &Silent).expect("colours");
+    let path = folder.path().join("split.ply");
+    let format = kilwa_formats::extract::Format::of(&path, false).expect("a format");
+    let output = kilwa_formats::extract::Output::prepare(&path, false).expect("an output");
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("threads");
+    let written = kilwa_formats::extract::extract_repainted(&reader, format, &colouring, &output, &pool, &|_, _| ());
+    assert_eq!(Some(written.expect("a file").triangles), report.split.map(|split| split.after));
+    let mesh = kilwa_formats::read::read_mesh(&path, &mut |_, _| ()).expect("a mesh");
+    let mut edges = BTreeMap::<[u32; 2], i32>::new();
+    let mut area = 0.0;
+    for [a, b, c] in &mesh.triangles {
+        for [from, to] in [[a, b], [b, c], [c, a]] {
+            *edges.entry([*from.min(to), *from.max(to)]).or_default() += if from < to { 1 } else { -1 };
+        }
+        let [a, b, c] = [a, b, c].map(|k| mesh.positions[*k as usize]);
+        area += 0.5 * (b - a).cross(c - a).z;
+    }
+    assert!((area - 8.0).abs() < 1e-3, "{area}");
+    let is_on_rim = |k: &u32| {
+        let p = mesh.positions[*k as usize];
+        p.x.abs() > 1.999 || p.y.abs() > 0.999
+    };
+    let open: Vec<_> = edges.iter().filter(|(_, uses)| **uses != 0).collect();
+    assert!(!open.is_empty() && open.iter().all(|(ends, _)| ends.iter().all(is_on_rim)), "no crack inside");
+}
+
+#[test]
+fn a_panorama_does_not_split_what_is_above_and_below_it_more_than_the_rest() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (pack, _) = striped(folder.path());
+    // Its lower pole looks at the wall from a metre away.
+    let camera = Camera::equirectangular([1200, 600]).expect("a camera");
+    let rotation = DQuat::from_mat3(&DMat3::from_cols(DVec3::X, DVec3::Z, -DVec3::Y));
+    let position = DVec3::new(-0.05, 0.03, 1.0);
+    let camera = PosedCamera { camera, camera_from_world: Pose { rotation, translation: -(rotation * position) } };
+    let path = folder.path().join("panorama.png");
+    image::RgbImage::from_pixel(1200, 600, image::Rgb([90; 3])).save(&path).expect("a file");
+    let input = Input { name: "panorama.png".to_owned(), path, mask: None, camera, exposure: None };
+    let with = Options { texture_detail: Some(10.0), ..options(folder.path(), 2, 1 << 30) };
+    let (all, report) = vertices(&pack, &[input], &with);
+    // A pixel is 2π / 1200 m wide there, so that an edge of 0.2 m spans 38 of them (its diagonal 54), and is split into four parts (eight).
+    assert!(report.split.is_some_and(|split| (2..=3).contains(&split.halvings)), "{:?}", report.split);
+    let around = |center: DVec2| all.iter().filter(|v| v.place.truncate().distance(center) < 0.25).count();
+    let [below, beside] = [DVec2::ZERO, DVec2::new(0.4, 0.0)].map(|offset| around(position.truncate() + offset));
+    assert!(below > 20 && below < 2 * beside, "{below} {beside}");
 }

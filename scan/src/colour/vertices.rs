@@ -1,5 +1,6 @@
 //! The vertices of the finest surface, by chunk, in a scratch file that is read quickly for each photograph.
 
+use super::subdivide::{Subdivision, finest_triangles};
 use crate::ScanError;
 use crate::import::Progress;
 use crate::scratch::{ByteRange, ScratchFile};
@@ -22,6 +23,8 @@ pub(super) struct Group {
     pub(super) chunk: u32,
     /// How many there are.
     pub(super) count: u32,
+    /// How many of them, the first ones, were not added by splitting triangles.
+    pub(super) original: u32,
     /// A bounding sphere, in metres.
     pub(super) center: DVec3,
     pub(super) radius: f64,
@@ -59,6 +62,10 @@ pub(super) fn mixed(value: u64) -> u64 {
 pub(super) struct Vertices {
     pub(super) lattice: Lattice,
     pub(super) groups: Vec<Group>,
+    /// How triangles are split before they are coloured, if they are.
+    pub(super) subdivision: Option<Subdivision>,
+    /// Triangles of the finest surface before and after that.
+    pub(super) triangles: [u64; 2],
     file: ScratchFile,
 }
 
@@ -75,18 +82,21 @@ pub(super) fn finest(mesh: &Mesh, patches: &[PatchRange]) -> Vec<u32> {
 }
 
 impl Vertices {
-    /// Read them from a pack into a scratch file.
+    /// Read them from a pack into a scratch file, with those that splitting triangles adds.
     pub(super) fn read<S: Source + Sync>(
         reader: &Reader<S>,
+        subdivision: Option<Subdivision>,
         scratch: &Path,
         progress: &dyn Progress,
     ) -> Result<Self, ScanError> {
-        let file = ScratchFile::create(scratch, super::REMEDY)?;
+        let file = ScratchFile::create(scratch, super::remedy(subdivision.is_some()))?;
         let lattice = reader.header().lattice;
         let count = u32::try_from(reader.entries().len()).unwrap_or(u32::MAX);
-        let mut groups = Vec::new();
+        let (mut groups, mut triangles) = (Vec::new(), [0; 2]);
         let numbers: Vec<u32> = (0..count).collect();
-        for batch in numbers.chunks(BATCH) {
+        // Split chunks may be large.
+        let at_once = if subdivision.is_some() { rayon::current_num_threads() } else { BATCH };
+        for batch in numbers.chunks(at_once) {
             if progress.is_stopped() {
                 return Err(ScanError::Stopped);
             }
@@ -94,8 +104,15 @@ impl Vertices {
             let read: Vec<Result<_, ScanError>> = batch
                 .par_iter()
                 .map(|number| {
-                    let chunk = reader.chunk(*number).map_err(|source| ScanError::Model { source })?;
+                    let mut chunk = reader.chunk(*number).map_err(|source| ScanError::Model { source })?;
+                    let before = finest_triangles(&chunk).count();
+                    let whole = chunk.mesh.positions.len() as u32;
+                    if let Some(subdivision) = &subdivision {
+                        subdivision.apply(&mut chunk)?;
+                    }
+                    let triangles = [before, finest_triangles(&chunk).count()];
                     let used = finest(&chunk.mesh, &chunk.patches);
+                    let original = used.partition_point(|k| *k < whole) as u32;
                     let mut bytes = Vec::with_capacity(used.len() * BYTES);
                     let mut bounds = [IVec3::MAX, IVec3::MIN];
                     for k in &used {
@@ -104,24 +121,30 @@ impl Vertices {
                         bytes.extend(position.to_array().into_iter().flat_map(i32::to_le_bytes));
                         bytes.extend(chunk.mesh.normals[*k as usize].into_iter().flat_map(i16::to_le_bytes));
                     }
-                    Ok((*number, used.len() as u32, bounds, bytes))
+                    Ok((*number, [used.len() as u32, original], bounds, bytes, triangles))
                 })
                 .collect();
             for result in read {
-                let (chunk, count, bounds, bytes) = result?;
+                let (chunk, [count, original], bounds, bytes, [before, after]) = result?;
+                triangles = [triangles[0] + before as u64, triangles[1] + after as u64];
                 if count > 0 {
                     let [low, high] = bounds.map(|corner| lattice.world_from_lattice(corner));
                     let (center, radius) = (0.5 * (low + high), 0.5 * low.distance(high));
-                    groups.push(Group { chunk, count, center, radius, range: file.append(&bytes)? });
+                    groups.push(Group { chunk, count, original, center, radius, range: file.append(&bytes)? });
                 }
             }
         }
-        Ok(Self { lattice, groups, file })
+        Ok(Self { lattice, groups, subdivision, triangles, file })
     }
 
     /// How many there are; those on the borders of chunks are in several.
     pub(super) fn count(&self) -> u64 {
         self.groups.iter().map(|group| u64::from(group.count)).sum()
+    }
+
+    /// How many of them were not added by splitting triangles.
+    pub(super) fn originals(&self) -> u64 {
+        self.groups.iter().map(|group| u64::from(group.original)).sum()
     }
 
     /// The vertices of a group.

@@ -37,6 +37,12 @@ impl Detail {
         Self::with_places(texels, DEEPEST, PLACES)
     }
 
+    /// As [`Self::new`], for a mesh of about so many edges, with four places for each of them, up to 512 MiB.
+    pub fn for_edges(texels: f64, edges: u64) -> Self {
+        let places = edges.saturating_mul(4).clamp(1 << 16, 1 << 29) as usize;
+        Self::with_places(texels, DEEPEST, places)
+    }
+
     fn with_places(texels: f64, deepest: u8, places: usize) -> Self {
         Self { texels, deepest, noted: (0..places).map(|_| AtomicU8::new(0)).collect() }
     }
@@ -100,9 +106,13 @@ impl Detail {
 pub trait Vertex: Copy {
     /// Where it is.
     fn position(&self) -> DVec3;
-    /// The vertex in the middle between two; its position is [`middle`] of theirs.
+    /// The vertex in the middle between two, the same whichever is asked; its position is [`middle`] of theirs, possibly rounded.
     #[must_use]
     fn between(&self, other: &Self) -> Self;
+    /// The edge between two vertices may be halved this often at the most.
+    fn most_halvings(&self, _other: &Self) -> u8 {
+        u8::MAX
+    }
 }
 
 /// The mean of two places, the same whichever is named first.
@@ -122,7 +132,8 @@ pub fn split<V: Vertex, E>(
     texels: impl Fn(&V, &V) -> f64,
     mut out: impl FnMut([V; 3]) -> Result<(), E>,
 ) -> Result<(), E> {
-    let levels = [0, 1, 2].map(|k| detail.level(corners[k].position(), corners[(k + 1) % 3].position()));
+    let level = |a: &V, b: &V| detail.level(a.position(), b.position()).min(a.most_halvings(b));
+    let levels = [0, 1, 2].map(|k| level(&corners[k], &corners[(k + 1) % 3]));
     // Where the picture is too large to follow, distances in it are made smaller, so that halving comes to an end.
     let longest = [0, 1, 2].map(|k| texels(&corners[k], &corners[(k + 1) % 3])).into_iter().fold(0.0, f64::max);
     let max = detail.texels * f64::from(1u32 << detail.deepest);
@@ -142,7 +153,7 @@ pub fn split<V: Vertex, E>(
         let [ab, bc, ca] = [0, 1, 2].map(|i| levels[(k + i) % 3]);
         let m = a.between(&b);
         // Both parts have the edge from m to c, which nobody else has.
-        let inner = detail.halvings(texels(&m, &c)).min(ab);
+        let inner = detail.halvings(texels(&m, &c)).min(ab).min(m.most_halvings(&c));
         parts.push(([a, m, c], [ab - 1, inner, ca]));
         parts.push(([m, b, c], [ab - 1, bc, inner]));
     }
