@@ -21,8 +21,9 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU8, AtomicU64, Ordering};
 
-/// Edges are not split into parts shorter than this, in steps of the lattice: rounding could fold the surface.
-const SHORTEST: i64 = 8;
+/// Edges are not split into parts shorter than this, in steps of the lattice: rounding must not fold the surface, and a single photograph from nearby must not
+/// fill the memory.
+const SHORTEST: i64 = 16;
 /// Channels whose values count or name something: their mean would mean nothing.
 const LABELS: [&str; 7] = ["filled", "source", "stations", "photos", "classification", "class", "label"];
 /// A chunk is split into this many triangles at most, so that the memory that it takes is bounded.
@@ -124,7 +125,7 @@ impl Subdivision {
             let density = edges.iter().map(|edge| span(*edge) / length(*edge)).fold(0.0, f64::max);
             // The same density for all edges: else an edge that is not split would meet parts that get ever thinner.
             for edge in edges {
-                let [from, to] = edge.map(|end| end.as_dvec3());
+                let [from, to] = edge.map(LatticePoint::as_dvec3);
                 self.detail.note(from, to, density * length(edge));
             }
         }
@@ -456,7 +457,7 @@ mod tests {
                 (a - b).abs().max_element()
             });
             assert!(
-                chunk.mesh.triangles.len() > 72 * 20
+                chunk.mesh.triangles.len() > 72 * 8
                     && shortest.min().is_some_and(|steps| i64::from(steps) >= SHORTEST / 2)
             );
         }
