@@ -305,7 +305,7 @@ impl Coloured<'_> {
             common.capture_accuracy = metadata.capture_accuracy;
         }
         let provenance = Provenance { sources: summarised(sources), capture };
-        // Where triangles were split, the lattice is finer by as much, as far as that on which they were split is.
+        // As much finer as the edges that were split most, but no finer than the lattice on which they were split.
         let halvings = self.report.split.map_or(0, |split| split.halvings);
         let step = metadata.lattice_step / f64::from(halvings).exp2();
         let step = Some(step.max(self.reader.header().lattice.step()));

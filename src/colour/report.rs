@@ -51,7 +51,10 @@ pub(super) fn print(args: &Args, done: &Done, seconds: f64) -> anyhow::Result<()
         if after > before {
             writeln!(out, "  The {} triangles of the surface were split into {}.", grouped(before), grouped(after))?;
         } else {
-            writeln!(out, "  No triangle was split: no photograph shows more detail than the vertices can hold.")?;
+            writeln!(
+                out,
+                "  No triangle was split; a smaller number of pixels for --texture-detail keeps more detail."
+            )?;
         }
     }
     if let Some(aligned) = &done.aligned {

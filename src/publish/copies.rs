@@ -253,7 +253,7 @@ mod tests {
         encoder.encode_image(&image::GrayImage::from_pixel(2400, 1800, image::Luma([120]))).unwrap();
         std::fs::write(&file.from, &bytes).unwrap();
         let made = of_file(&file.from, &photo).unwrap();
-        for (bytes, _) in [made.preview, made.thumbnail].into_iter().flatten() {
+        for (bytes, _) in [made.preview, made.thumbnail].map(Option::unwrap) {
             let mut decoder = ImageReader::with_format(std::io::Cursor::new(&bytes), image::ImageFormat::Jpeg)
                 .into_decoder()
                 .unwrap();

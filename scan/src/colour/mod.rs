@@ -282,7 +282,7 @@ struct Placed {
 }
 
 impl<S: Source + Sync> Placing<'_, S> {
-    /// Process photographs, as many at once as memory allows. One that takes more than there is, is left out.
+    /// Process photographs, as many at once as memory allows. Photographs that need more memory than there is are left out.
     fn each<T: Send>(
         &self,
         inputs: &[(u32, &Input)],
