@@ -3,7 +3,7 @@
 //! `clip = clip_from_cell × (f32(position − cell), 1)`. Depth is reversed: 1 at the near plane, 0 at the far one (or at
 //! infinity), which spends the precision of floats evenly.
 
-use crate::options::Tile;
+use crate::options::{Frustum, Tile};
 use glam::{DMat4, DVec3, DVec4, Mat4, Vec4};
 use kilwa_geometry::LatticePoint;
 use kilwa_stream::{Projection, View};
@@ -49,6 +49,17 @@ impl ClipTransform {
             Projection::Orthographic { .. } => (-view.forward).as_vec3().extend(0.0),
         };
         let [x, y, z, w] = clip;
+        Self { cell, clip_from_cell: DMat4::from_cols(x, y, z, w).transpose().as_mat4(), eye_from_cell }
+    }
+
+    /// The transform of a perspective view whose picture has these edges instead of its own, or of a tile of it. The browser's program for WebGPU,
+    /// which should be small, does not contain it: nothing there calls it.
+    pub fn with_frustum(view: &View, tile: Option<Tile>, f: Frustum) -> Self {
+        let Self { cell, eye_from_cell, .. } = Self::new(view, tile);
+        let [right, up, forward] = view_rows(view, cell.as_dvec3() - view.eye);
+        let across = (right * 2.0 - forward * (f.right + f.left)) / (f.right - f.left);
+        let upward = (up * 2.0 - forward * (f.up + f.down)) / (f.up - f.down);
+        let [x, y, z, w] = crop([across, upward, DVec4::ZERO.with_w(view.near), forward], view, tile);
         Self { cell, clip_from_cell: DMat4::from_cols(x, y, z, w).transpose().as_mat4(), eye_from_cell }
     }
 }
@@ -123,6 +134,24 @@ mod tests {
         let pixel = |c: DVec4, size: [f64; 2]| [(c.x / c.w + 1.0) * 0.5 * size[0], (1.0 - c.y / c.w) * 0.5 * size[1]];
         let (a, b) = (pixel(a, [400.0, 200.0]), pixel(b, [50.0, 25.0]));
         assert!((a[0] - 100.0 - b[0]).abs() < 1e-3 && (a[1] - 50.0 - b[1]).abs() < 1e-3, "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn a_frustum_has_its_own_edges_and_one_like_that_of_the_view_changes_nothing() {
+        let view = view();
+        let symmetric = Frustum { left: -1.0, right: 1.0, down: -0.5, up: 0.5 };
+        let difference = ClipTransform::with_frustum(&view, None, symmetric).clip_from_cell
+            - ClipTransform::new(&view, None).clip_from_cell;
+        assert!(difference.to_cols_array().iter().all(|x| x.abs() < 1e-4), "{difference:?}");
+        let f = Frustum { left: -1.2, right: 0.7, down: -0.9, up: 1.1 };
+        let t = ClipTransform::with_frustum(&view, None, f);
+        for (across, upward) in [(0.0, 0.0), (-1.2, -0.9), (0.7, 1.1), (0.3, -0.4)] {
+            let p = view.eye + (view.forward + view.right * across + view.up * upward) * 40_000.0;
+            let DVec4 { x, y, w, .. } = apply(&t, p.round().as_ivec3());
+            let wanted = |v: f64, low: f64, high: f64| (2.0 * v - low - high) / (high - low);
+            assert!((x / w - wanted(across, f.left, f.right)).abs() < 1e-4, "{across}: {}", x / w);
+            assert!((y / w - wanted(upward, f.down, f.up)).abs() < 1e-4, "{upward}: {}", y / w);
+        }
     }
 
     #[test]

@@ -279,6 +279,8 @@ impl Display {
             mark_back_faces: self.back_faces,
             background: background(&self.background, dark).unwrap_or(Background::LIMESTONE),
             tile: None,
+            #[cfg(any(feature = "webgl", not(target_arch = "wasm32")))]
+            frustum: None,
         }
     }
 

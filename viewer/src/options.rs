@@ -105,6 +105,20 @@ pub struct Tile {
     pub size: [u32; 2],
 }
 
+/// The edges of a perspective picture as tangents of angles from the axis; left and down are negative where the axis meets the picture. Those
+/// of an eye of a headset are not symmetric, and its pixels need not be square.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frustum {
+    /// Of the left edge.
+    pub left: f64,
+    /// Of the right edge.
+    pub right: f64,
+    /// Of the lower edge.
+    pub down: f64,
+    /// Of the upper edge.
+    pub up: f64,
+}
+
 /// The direction of the raking light.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
@@ -182,6 +196,25 @@ pub struct RenderOptions {
     pub background: Background,
     /// Only this part of the picture.
     pub tile: Option<Tile>,
+    /// The edges of the picture instead of the view's own: for perspective views. The browser's program for WebGPU, which nearly every visitor waits
+    /// for, is smaller without: headsets are drawn through WebGL 2.
+    #[cfg(any(feature = "webgl", not(target_arch = "wasm32")))]
+    pub frustum: Option<Frustum>,
+}
+
+impl RenderOptions {
+    /// The edges of the picture where they are not the view's own.
+    #[cfg(any(feature = "webgl", not(target_arch = "wasm32")))]
+    pub(crate) fn own_frustum(&self) -> Option<Frustum> {
+        self.frustum
+    }
+
+    /// There are none.
+    #[cfg(not(any(feature = "webgl", not(target_arch = "wasm32"))))]
+    #[expect(clippy::unused_self, reason = "the interface of the other form")]
+    pub(crate) fn own_frustum(&self) -> Option<Frustum> {
+        None
+    }
 }
 
 impl Default for RenderOptions {
@@ -201,6 +234,8 @@ impl Default for RenderOptions {
             mark_back_faces: true,
             background: Background::LIMESTONE,
             tile: None,
+            #[cfg(any(feature = "webgl", not(target_arch = "wasm32")))]
+            frustum: None,
         }
     }
 }

@@ -63,7 +63,10 @@ pub struct Draw {
 
 /// The uniforms of a frame.
 pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits) -> Frame {
-    let clip = ClipTransform::new(view, options.tile);
+    let clip = match options.own_frustum() {
+        Some(frustum) => ClipTransform::with_frustum(view, options.tile, frustum),
+        None => ClipTransform::new(view, options.tile),
+    };
     let light = 0.62 * view.up - 0.48 * view.right - 0.62 * view.forward;
     let (top, bottom) = match options.background {
         Background::Flat(c) => (opaque(c), opaque(c)),

@@ -7,6 +7,8 @@
 
 mod camera;
 mod display;
+#[cfg(feature = "webgl")]
+mod headset;
 mod loss;
 mod navigation;
 mod picture;

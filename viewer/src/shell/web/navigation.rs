@@ -197,7 +197,7 @@ impl Viewer {
 
 impl Viewer {
     /// Metres from a place along a unit vector to the nearest surface of the cut, also outside the picture.
-    fn cast(&self, from: DVec3, way: DVec3) -> Option<f64> {
+    pub(super) fn cast(&self, from: DVec3, way: DVec3) -> Option<f64> {
         let lattice = &self.streamer.header().lattice;
         let origin = lattice.steps_from_world(from);
         let hit = nearest(origin, way, &self.draw, Scope::Whole, &Clip::default(), |chunk| {

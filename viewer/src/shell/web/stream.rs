@@ -124,10 +124,7 @@ impl Viewer {
             view.target_pixels = paced;
         }
         self.paced = paced;
-        // Where a frame takes long for other reasons, more uploads in it are not felt, and the model is there sooner.
-        let since = (now_ms - self.frame_at).clamp(1000.0 / 60.0, 8000.0 / 60.0);
-        self.frame_at = now_ms;
-        self.streamer.set_uploads((UPLOADS as f64 * since * 60.0 / 1000.0) as usize);
+        self.set_uploads(now_ms);
         let step = self.streamer.step(&view, now_ms, std::mem::take(&mut self.events));
         let commands = self.carry_out(&step)?;
         let stats = self.stats_object(&step)?;
@@ -144,8 +141,16 @@ impl Viewer {
 }
 
 impl Viewer {
+    /// Where a frame takes long for other reasons, more uploads in it are not felt, and the model is there sooner.
+    #[inline]
+    pub(super) fn set_uploads(&mut self, now_ms: f64) {
+        let since = (now_ms - self.frame_at).clamp(1000.0 / 60.0, 8000.0 / 60.0);
+        self.frame_at = now_ms;
+        self.streamer.set_uploads((UPLOADS as f64 * since * 60.0 / 1000.0) as usize);
+    }
+
     /// Uploads and evictions of a step are carried out, the rest is returned for JavaScript.
-    fn carry_out(&mut self, step: &Step) -> Result<Array, JsValue> {
+    pub(super) fn carry_out(&mut self, step: &Step) -> Result<Array, JsValue> {
         let commands = Array::new();
         for command in &step.commands {
             match command {
@@ -168,7 +173,7 @@ impl Viewer {
         Ok(commands)
     }
 
-    fn stats_object(&self, step: &Step) -> Result<Object, JsValue> {
+    pub(super) fn stats_object(&self, step: &Step) -> Result<Object, JsValue> {
         let s: &Stats = &step.stats;
         let o = Object::new();
         for (name, value) in [
