@@ -222,6 +222,8 @@ class Page {
     const published = (/** @type {string} */ name) => this.parameters.get(name) ?? document.body.dataset[name];
     await this.person.publish(published("annotations"));
     await this.person.offer(published("holes"), published("photographs"));
+    const { xr } = navigator;
+    if (await xr?.isSessionSupported("immersive-vr").catch(() => {})) (await import("./headset/headset.js")).offer(this);
   }
 
   /**

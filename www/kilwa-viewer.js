@@ -167,7 +167,7 @@ export class KilwaViewerElement extends HTMLElement {
     this.#wait();
     const frame = document.createElement("iframe");
     frame.title = this.getAttribute("aria-label") || this.title || "3D model";
-    frame.allow = "fullscreen; clipboard-write";
+    frame.allow = "fullscreen; clipboard-write; xr-spatial-tracking";
     frame.src = page.href;
     this.#heardFrom = false;
     frame.addEventListener("load", () => {

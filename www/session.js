@@ -37,8 +37,9 @@ export class Session {
    * @param {import("./decode-pool.js").DecodePool} parts.pool
    * @param {{colors: boolean, scalars: number}} parts.attributes
    * @param {SessionEvents} parts.on
+   * @param {(draw: (now: number) => void) => void} [parts.nextFrame] where frames come from: a headset has its own
    */
-  constructor({ canvas, viewer, pack, head, pool, attributes, on }) {
+  constructor({ canvas, viewer, pack, head, pool, attributes, on, nextFrame = (draw) => requestAnimationFrame(draw) }) {
     this.canvas = canvas;
     this.viewer = viewer;
     this.pack = pack;
@@ -46,6 +47,7 @@ export class Session {
     this.pool = pool;
     this.attributes = attributes;
     this.on = on;
+    this.nextFrame = nextFrame;
     /** By request. @type {Map<number, AbortController>} */
     this.inFlight = new Map();
     /** Bytes of the directory as they came, by their offset in the file. @type {Map<number, Uint8Array>} */
@@ -104,7 +106,7 @@ export class Session {
     clearTimeout(this.pausing ?? undefined);
     this.pausing = null;
     const asked = performance.now();
-    requestAnimationFrame((now) => {
+    this.nextFrame((now) => {
       this.scheduled = false;
       this.lag = performance.now() - asked;
       this.#guarded(() => this.#frame(now));

@@ -39,7 +39,7 @@ export function embedCode(title, link) {
   // A pack that nobody named has no title, and a link needs a name.
   const name = escaped(title || frame.host);
   const caption = [`<a href="${escaped(link)}">${name}</a>`, escaped(creators), licence].filter(Boolean).join(", ");
-  return `<figure style="margin:0"><iframe src="${escaped(frame.href)}" title="${name}" style="width:100%;aspect-ratio:16/10;border:0" allow="fullscreen" loading="lazy"></iframe><figcaption>${caption}</figcaption></figure>`;
+  return `<figure style="margin:0"><iframe src="${escaped(frame.href)}" title="${name}" style="width:100%;aspect-ratio:16/10;border:0" allow="fullscreen; xr-spatial-tracking" loading="lazy"></iframe><figcaption>${caption}</figcaption></figure>`;
 }
 
 /**

@@ -80,17 +80,21 @@ export class Walk {
   enter() {
     if (this.on) return;
     this.flight.mark();
+    this.on = true;
+    this.stand(this.place(), { mark: false });
+    this.onChange(true);
+    this.show();
+  }
+
+  /** The ground to stand on. */
+  place() {
     const camera = this.viewer.camera();
     const [x, y, z] = this.viewer.eye();
     const below = camera.orthographic ? NaN : this.viewer.groundBelow(x, y, z);
     const isInside = z - below < 3 * this.height;
     const { width, height } = this.session.canvas;
     const seen = isInside ? [] : this.viewer.pick(width / 2, height / 2);
-    const place = isInside ? [x, y, below] : seen.length > 0 ? this.#before([...seen].slice(0, 3), 4) : this.#under(camera);
-    this.on = true;
-    this.stand(place, { mark: false });
-    this.onChange(true);
-    this.show();
+    return isInside ? [x, y, below] : seen.length > 0 ? this.#before([...seen].slice(0, 3), 4) : this.#under(camera);
   }
 
   /**

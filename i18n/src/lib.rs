@@ -1,8 +1,8 @@
 //! The messages of the page and the portal in every language: a folder for each language, and in it a file for
-//! the page, one for its list of holes and one for its photographs, which few visitors load, one for the portal and one for the form for metadata files, in [Fluent](https://projectfluent.org)'s syntax. A message whose wording depends on a number has a
+//! the page, one each for its list of holes, its photographs and headsets, which few visitors load, one for the portal and one for the form for metadata files, in [Fluent](https://projectfluent.org)'s syntax. A message whose wording depends on a number has a
 //! form for each plural category of its language (Unicode CLDR): two in English, six in Arabic.
 //!
-//! The server formats the messages of the portal and the form ([`portal`], [`metadata`]). The page gets its messages as JSON ([`page_json`], [`holes_json`], [`photographs_json`], written by
+//! The server formats the messages of the portal and the form ([`portal`], [`metadata`]). The page gets its messages as JSON ([`page_json`], [`holes_json`], [`photographs_json`], [`headset_json`], written by
 //! `cargo xtask web`), so that browsers need no parser; `www/i18n.js` formats them in the same way, with the browser's own plural rules.
 
 use icu_locale_core::{Locale, locale};
@@ -22,6 +22,7 @@ struct Source {
     page: &'static str,
     holes: &'static str,
     photographs: &'static str,
+    headset: &'static str,
     portal: &'static str,
     metadata: &'static str,
     /// Between groups of three digits. The digits are 0 to 9 in every language, as those of coordinates are.
@@ -37,6 +38,7 @@ macro_rules! language {
             page: include_str!(concat!("../", $code, "/page.ftl")),
             holes: include_str!(concat!("../", $code, "/holes.ftl")),
             photographs: include_str!(concat!("../", $code, "/photographs.ftl")),
+            headset: include_str!(concat!("../", $code, "/headset.ftl")),
             portal: include_str!(concat!("../", $code, "/portal.ftl")),
             metadata: include_str!(concat!("../", $code, "/metadata.ftl")),
             group: $group,
@@ -80,6 +82,14 @@ pub fn holes_json(code: &str) -> Result<String, String> {
 /// As [`page_json`].
 pub fn photographs_json(code: &str) -> Result<String, String> {
     json(code, "photographs", |source| source.photographs)
+}
+
+/// As [`page_json`], the messages for headsets (`www/headset/`).
+///
+/// # Errors
+/// As [`page_json`].
+pub fn headset_json(code: &str) -> Result<String, String> {
+    json(code, "headset", |source| source.headset)
 }
 
 fn json(code: &str, file: &str, text: fn(&Source) -> &'static str) -> Result<String, String> {

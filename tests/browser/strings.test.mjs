@@ -15,7 +15,8 @@ const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 /** The page's messages as it reads them, with those that it loads later. */
 async function messages(language) {
   const read = async (name) => JSON.parse(await readFile(path.join(BUILT, `i18n/${name}.json`), "utf8"));
-  return { ...(await read(language)), ...(await read(`holes-${language}`)), ...(await read(`photographs-${language}`)) };
+  const parts = [language, ...["holes", "photographs", "headset"].map((part) => `${part}-${language}`)];
+  return Object.assign({}, ...(await Promise.all(parts.map(read))));
 }
 
 /** Plural forms in a message. */
@@ -28,7 +29,7 @@ function choices(message) {
 
 async function sources() {
   const names = (await readdir(WWW)).filter((n) => n.endsWith(".js") || n === "index.html");
-  for (const folder of ["measure", "photographs"]) {
+  for (const folder of ["headset", "measure", "photographs"]) {
     names.push(...(await readdir(path.join(WWW, folder))).filter((n) => n.endsWith(".js")).map((n) => `${folder}/${n}`));
   }
   const own = await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")));
@@ -56,7 +57,7 @@ test("every language has a folder, a place in the menu and a type", async () => 
   assert.deepEqual(folders.sort(), [...LANGUAGES].sort());
   assert.deepEqual(
     (await readdir(path.join(BUILT, "i18n"))).filter((n) => n.endsWith(".json")).sort(),
-    LANGUAGES.flatMap((l) => [`${l}.json`, `holes-${l}.json`, `photographs-${l}.json`]).sort(),
+    LANGUAGES.flatMap((l) => [`${l}.json`, `holes-${l}.json`, `photographs-${l}.json`, `headset-${l}.json`]).sort(),
   );
   const [html, types] = await Promise.all(["index.html", "kilwa-viewer.d.ts"].map((name) => readFile(path.join(WWW, name), "utf8")));
   const { LANGUAGES: offered } = await import(path.join(WWW, "language.js"));

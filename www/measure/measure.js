@@ -26,7 +26,7 @@ import { toolOf } from "./tools.js";
 import { mainLines, UNITS } from "./values.js";
 
 /** @import { MeasuringPage } from "../measuring.js" */
-/** @import { Box, FrameStats, MeasureItem, MeasureTool, NewMeasurement, Placing, Plane } from "../types/page.js" */
+/** @import { Box, FrameStats, MeasureItem, MeasureTool, NewMeasurement, Placing, Plane, Ray } from "../types/page.js" */
 /** @import { Model } from "../model.js" */
 /** @import { Scene } from "../scene.js" */
 
@@ -127,7 +127,7 @@ export class Measure {
       undo: page.undo,
       bounds: model.info.metadata,
       settings: () => ({ unit: this.unit, snap: this.snap, isLong: this.isLong, setUnit: (unit) => this.setUnit(unit), setSnap: (snap) => this.setSnap(snap) }),
-      lines: (item) => linesOf(item.task, this.unit),
+      lines: (item) => this.linesOf(item.task),
       choose: (id) => this.choose(id),
       pointed: ({ color, hidden }, world) => this.marks.point(world && !hidden && !this.#isClosed ? { color, world } : null),
     });
@@ -337,6 +337,33 @@ export class Measure {
     const text = addressed(this.items);
     this.isLong = text.length > LONGEST;
     return this.isLong || text === "" ? null : text;
+  }
+
+  // For a headset (headset/tape.js), where places are picked along rays.
+
+  /**
+   * A place along a ray, looked up on the finest surface at once. `world` and `half` as in Point; `pixel`: how wide what points is at a place.
+   * @param {Ray} ray
+   * @param {{world: number[], half: number, pixel: (found: import("./task.js").Found) => number}} seen
+   */
+  pointAlong(ray, { world, half, pixel }) {
+    const point = new Point({ ray, world, half });
+    point.pick(this.engine, { clip: this.clip, snap: this.snap, onChange: () => this.refresh(), pixel });
+    return point;
+  }
+
+  /** @param {(Point | {world: number[], half: number})[]} places */
+  distanceOf(places) {
+    return new Task({ kind: /** @type {MeasureTool} */ (toolOf("distance")), points: places.map((p) => (p instanceof Point ? p : new Point(p))) });
+  }
+
+  /**
+   * The lines of its label.
+   * @param {Task} task
+   * @param {boolean} isDraft
+   */
+  linesOf(task, isDraft = false) {
+    return linesOf(task, this.unit, { isDraft });
   }
 
   // For scripts (api.js).

@@ -14,7 +14,7 @@ use std::path::Path;
 const PLACE: &str = "<link rel=\"modulepreload\" href=\"app.js\">";
 
 /// Folders of the page whose scripts are modules of it.
-const FOLDERS: [&str; 2] = ["measure", "photographs"];
+const FOLDERS: [&str; 3] = ["headset", "measure", "photographs"];
 
 /// Every file of a folder and of those in it.
 fn add(page: &mut BTreeMap<String, Vec<u8>>, folder: &Path, prefix: &str) -> Result<()> {

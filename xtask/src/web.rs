@@ -99,6 +99,8 @@ const FIRST_GZ_MAX: u64 = 90_000;
 const LATER_GZ_MAX: u64 = 58_000;
 /// Budget of the photographs that a model was coloured from, which only pages of such models load.
 const PHOTOGRAPHS_GZ_MAX: u64 = 12_000;
+/// Budget of what browsers with a headset load beside the program for WebGL 2.
+const HEADSET_GZ_MAX: u64 = 12_000;
 /// Files of the first load that `index.html` does not name: [`first_files`].
 const FIRST: [&str; 2] = ["index.html", "decode-worker.js"];
 
@@ -308,6 +310,8 @@ fn add_messages(page: &mut Page) -> Result<()> {
         page.insert(format!("i18n/holes-{code}.json"), holes.into_bytes());
         let photographs = kilwa_messages::photographs_json(code).map_err(anyhow::Error::msg)?;
         page.insert(format!("i18n/photographs-{code}.json"), photographs.into_bytes());
+        let headset = kilwa_messages::headset_json(code).map_err(anyhow::Error::msg)?;
+        page.insert(format!("i18n/headset-{code}.json"), headset.into_bytes());
     }
     Ok(())
 }
@@ -406,6 +410,7 @@ fn check_sizes(page: &Page) -> Result<()> {
     let (mut viewer, mut viewer_gl, mut decode, mut measure) = (0, 0, 0, 0);
     let (mut first, mut later, mut glue, mut language, mut holes, mut points) = (0, 0, 0, 0, 0, 0);
     let (mut photographs, mut words_of_photographs) = (0, 0);
+    let (mut headset, mut words_of_headset) = (0, 0);
     let at_once = first_files(page);
     for (name, bytes) in page.iter().filter(|(name, _)| !has_extension(name, "gz") && !has_extension(name, "br")) {
         let size = gzipped(name);
@@ -420,19 +425,22 @@ fn check_sizes(page: &Page) -> Result<()> {
             "viewer.js" | "viewer-gl.js" => glue = size.max(glue),
             name if name.starts_with("i18n/holes-") => holes = size.max(holes),
             name if name.starts_with("i18n/photographs-") => words_of_photographs = size.max(words_of_photographs),
+            name if name.starts_with("i18n/headset-") => words_of_headset = size.max(words_of_headset),
             name if name.starts_with("i18n/") => language = size.max(language),
             // The page itself loads none of these.
             name if name.starts_with("examples/") || name.ends_with(".d.ts") || has_extension(name, "txt") => {}
             name if at_once.contains(name) => first += size,
             name if name.starts_with("photographs") => photographs += size,
+            name if name.starts_with("headset") => headset += size,
             _ => later += size,
         }
     }
     first += glue + language;
     later += holes;
     photographs += words_of_photographs;
+    headset += words_of_headset;
     println!(
-        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, measuring wasm {measure} of {MEASURE_GZ_MAX}, both for points {points} of {POINTS_GZ_MAX}, page without wasm {first} of {FIRST_GZ_MAX} at first and {later} of {LATER_GZ_MAX} later, photographs {photographs} of {PHOTOGRAPHS_GZ_MAX}, bytes gzipped"
+        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, measuring wasm {measure} of {MEASURE_GZ_MAX}, both for points {points} of {POINTS_GZ_MAX}, page without wasm {first} of {FIRST_GZ_MAX} at first and {later} of {LATER_GZ_MAX} later, photographs {photographs} of {PHOTOGRAPHS_GZ_MAX}, headset {headset} of {HEADSET_GZ_MAX}, bytes gzipped"
     );
     if viewer > VIEWER_GZ_MAX {
         bail!(
@@ -467,6 +475,11 @@ fn check_sizes(page: &Page) -> Result<()> {
     if photographs > PHOTOGRAPHS_GZ_MAX {
         bail!(
             "the part of the page for photographs is {photographs} bytes gzipped; at most {PHOTOGRAPHS_GZ_MAX} are allowed (PHOTOGRAPHS_GZ_MAX in xtask/src/web.rs)"
+        );
+    }
+    if headset > HEADSET_GZ_MAX {
+        bail!(
+            "the part of the page for headsets is {headset} bytes gzipped; at most {HEADSET_GZ_MAX} are allowed (HEADSET_GZ_MAX in xtask/src/web.rs)"
         );
     }
     Ok(())
