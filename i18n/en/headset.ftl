@@ -15,3 +15,4 @@ headsetJump = Right thumbstick, forward: aim, then release to teleport
 headsetMeasure = Trigger: pick two points to measure a distance
 headsetBack = Grip: cancel the point, or delete the last measurement
 headsetHelp = X or A: show or hide this help
+headsetMissed = There is no surface there.

@@ -15,3 +15,4 @@ headsetJump = Stick droit, vers l’avant : viser, puis relâcher pour se télé
 headsetMeasure = Gâchette : choisir deux points pour mesurer une distance
 headsetBack = Bouton de préhension : annuler le point, ou supprimer la dernière mesure
 headsetHelp = X ou A : afficher ou masquer cette aide
+headsetMissed = Il n’y a pas de surface à cet endroit.

@@ -15,3 +15,4 @@ headsetJump = Manípulo direito, para a frente: apontar e soltar para se teletra
 headsetMeasure = Gatilho: escolher dois pontos para medir uma distância
 headsetBack = Botão lateral: cancelar o ponto ou eliminar a última medição
 headsetHelp = X ou A: mostrar ou ocultar esta ajuda
+headsetMissed = Não há superfície nesse lugar.

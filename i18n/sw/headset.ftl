@@ -15,3 +15,4 @@ headsetJump = Kijiti cha kulia, mbele: lenga, kisha achilia ili kuhamia hapo
 headsetMeasure = Kifyatulio: chagua sehemu mbili ili kupima umbali
 headsetBack = Kitufe cha kushika: ghairi sehemu, au futa kipimo cha mwisho
 headsetHelp = X au A: onyesha au ficha msaada huu
+headsetMissed = Hakuna uso mahali hapo.

@@ -11,8 +11,8 @@ const [REST, PUSHED] = [0.2, 0.7];
 const BACK = 0.4;
 /** Radians of a turn. */
 const TURN = Math.PI / 6;
-/** Directions that are remembered, to see how steadily a hand points. */
-const REMEMBERED = 20;
+/** Directions that are remembered, to see how steadily a hand points: those of about a tenth of a second, so that the way to the place does not count. */
+const REMEMBERED = 8;
 /** Of a controller's buttons (xr-standard): the lower one beside the thumbstick. */
 const HELP = 4;
 

@@ -83,7 +83,6 @@ class Headset {
     const key = this.#visit ? "headsetLeave" : "headsetEnter";
     this.#button.dataset.label = key;
     this.#button.setAttribute("aria-label", t(key));
-    this.#button.setAttribute("aria-pressed", String(this.#visit !== null));
     // Goggles, after an icon of Lucide (icons/LICENSE-lucide.txt).
     const path = "M20 6a2 2 0 0 1 2 2v8a2 2 0 0 1-2 2h-4a2 2 0 0 1-1.6-.8l-1.6-2.13a1 1 0 0 0-1.6 0L9.6 17.2A2 2 0 0 1 8 18H4a2 2 0 0 1-2-2V8a2 2 0 0 1 2-2z";
     const drawn = html`<svg class="icon" aria-hidden="true" viewBox="0 0 24 24" fill="none" stroke="currentColor" stroke-width="2" stroke-linecap="round" stroke-linejoin="round"><path d=${path} /></svg>`;
@@ -116,7 +115,9 @@ class Headset {
         if (!hasEnded) await session.end();
         return;
       }
-      this.#visit = new Visit({ session, space, gl, viewer, page: this.page, ended: (reason) => this.#ended(reason) });
+      // For whoever waits for the whole picture from outside the headset.
+      const shown = (/** @type {boolean} */ isWhole) => (this.#button.dataset.picture = isWhole ? "whole" : "coming");
+      this.#visit = new Visit({ session, space, gl, viewer, page: this.page, shown, ended: (reason) => this.#ended(reason) });
       this.#show();
       announce(t("headsetInside"));
     } catch (error) {
@@ -130,6 +131,7 @@ class Headset {
   /** @param {string | null} reason */
   #ended(reason) {
     this.#visit = null;
+    delete this.#button.dataset.picture;
     this.#show();
     if (reason) notice(reason, 12000);
     else announce(t("headsetEnded"));

@@ -63,7 +63,7 @@ export class Tape {
    */
   press(ray, seen, width) {
     if (!seen) {
-      this.say(t("noteMissed"));
+      this.say(t("headsetMissed"));
       return;
     }
     /** @type {Picked} */

@@ -72,13 +72,15 @@ export class Visit {
    * @param {WebGL2RenderingContext} parts.gl
    * @param {HeadsetViewer} parts.viewer on the same canvas
    * @param {HeadsetPage} parts.page
+   * @param {(isWhole: boolean) => void} parts.shown a frame was drawn; whether all that it needs of the model was there
    * @param {(reason: string | null) => void} parts.ended why it ended, where nobody asked for that
    */
-  constructor({ session, space, gl, viewer, page, ended }) {
+  constructor({ session, space, gl, viewer, page, shown, ended }) {
     this.session = session;
     this.space = space;
     this.gl = gl;
     this.viewer = viewer;
+    this.shown = shown;
     this.ended = ended;
     const { model, scene } = page.current.opened;
     // The room has no other samples: the viewer has its own, and a copy of several samples is not possible.
@@ -235,6 +237,7 @@ export class Visit {
     if (this.#isOver) return;
     this.#mark(time, frame);
     this.#draw(eyes);
+    this.shown(this.streaming.isSettled);
   }
 
   /**
