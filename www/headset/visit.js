@@ -31,6 +31,8 @@ const RING = 0.35;
 /** @type {Color} */
 const RAY = [1, 1, 1, 0.75];
 /** @type {Color} */
+const EDGE = [0, 0, 0, 0.4];
+/** @type {Color} */
 const JUMP = [0.1, 0.75, 0.45, 0.95];
 
 /** A picture of an eye, and where it is in the headset's. @typedef {{eye: Eye, numbers: number[], x: number, y: number, width: number, height: number}} Look */
@@ -366,8 +368,13 @@ export class Visit {
     if (this.#ray) {
       const { origin, direction } = this.#ray;
       const end = this.#pointed?.world ?? plus(origin, times(unit(direction), FAR));
+      // White is seen on stone, its dark edges before the sky.
+      marks.line(origin, end, EDGE, 2);
       marks.line(origin, end, this.#goal ? JUMP : RAY);
-      if (this.#pointed && !this.#goal) marks.dot(this.#pointed.world, RAY);
+      if (this.#pointed && !this.#goal) {
+        marks.dot(this.#pointed.world, EDGE, 1.4);
+        marks.dot(this.#pointed.world, RAY);
+      }
     }
     if (this.#goal) marks.ring(this.#goal, RING, JUMP);
     this.#tape.draw(marks, this.#pointed);
