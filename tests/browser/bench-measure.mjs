@@ -3,7 +3,7 @@
 // picture is at rest before. The share of leaves, and the cost of full sections, come from the measuring engine in a page of its own (engine-page.mjs), without a limit.
 
 import { openEngine } from "./engine-page.mjs";
-import { launch, open, packFolder, pick, serve, waitFor } from "./harness.mjs";
+import { launch, open, SHARP, packFolder, pick, serve, waitFor } from "./harness.mjs";
 
 const [pack] = process.argv.slice(2);
 process.env.KILWA_PACK = pack;
@@ -19,7 +19,7 @@ const server = await serve(await packFolder());
 const browser = await launch();
 
 async function onLink([name, link]) {
-  const { page, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [1280, 720] });
+  const { page, close } = await open(browser, `${server.url}/m/fort?error=8`, { ...SHARP, size: [1280, 720] });
   const client = await page.context().newCDPSession(page);
   await client.send("Network.enable");
   const loaded = new Map();

@@ -10,7 +10,7 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { firefox } from "playwright-core";
 import { Builder, By, Capabilities, Key, Origin, error as refused } from "selenium-webdriver";
-import { launch, open } from "./harness.mjs";
+import { launch, open, SHARP } from "./harness.mjs";
 
 /** Longest wait for a state, in milliseconds; software rendering is slow on a busy machine. */
 const LATE = Number(process.env.KILWA_TIMEOUT) || 120_000;
@@ -84,7 +84,8 @@ function pageSession({ page, complaints, close }, ignore = () => false) {
 async function startChromium() {
   const browser = await launch();
   return {
-    open: async (options) => pageSession(await open(browser, "about:blank", { ...options, wait: null })),
+    // As the other browsers show it: their pictures are compared.
+    open: async (options) => pageSession(await open(browser, "about:blank", { ...SHARP, ...options, wait: null })),
     close: () => browser.close(),
   };
 }
@@ -105,7 +106,7 @@ async function startFirefox() {
     });
     const settings = { wait: null, reducedMotion: null, colorScheme: null };
     return {
-      open: async (options) => pageSession(await open(browser, "about:blank", { ...options, ...settings }), isOfScreenshot),
+      open: async (options) => pageSession(await open(browser, "about:blank", { ...SHARP, ...options, ...settings }), isOfScreenshot),
       close: async () => {
         await browser.close();
         await display.stop();

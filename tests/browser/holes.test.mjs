@@ -6,7 +6,7 @@ import { readFile, rm, writeFile } from "node:fs/promises";
 import path from "node:path";
 import { promisify } from "node:util";
 import { serious } from "./axe.mjs";
-import { fortSite, KILWA, open, openTab, picture, setCamera, stats, test, waitFor } from "./harness.mjs";
+import { SHARP, fortSite, KILWA, open, openTab, picture, setCamera, stats, test, waitFor } from "./harness.mjs";
 
 const run = promisify(execFile);
 let list;
@@ -169,7 +169,7 @@ test("the list is in the language of the page, and follows it", async () => {
 });
 
 test("a list can be dropped onto the page of a pack; lists of another model and malformed lists are refused", async () => {
-  const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=16`);
+  const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=16`, SHARP);
   const { bounds_min: min, bounds_max: max } = await page.evaluate(() => globalThis.kilwa.api.info().metadata);
   assert.equal(await group(page).count(), 0);
   const middle = min.map((v, k) => (v + max[k]) / 2);

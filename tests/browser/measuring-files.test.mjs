@@ -160,7 +160,7 @@ test("remarks, refusals and complaints about files are in the language of the pa
   ].map(([x, y]) => [middle[0] + x, middle[1] + y, middle[2]]);
   const asked = {
     remarkLines: { tool: "section", plane: { point: middle, normal: [1, 0, 0] } },
-    remarkHeights: { tool: "contours", interval: 2 },
+    remarkHeights: { tool: "contours", interval: 6 },
     remarkCovered: { tool: "cut-fill", points: square, reach: 20 },
     remarkReach: { tool: "area", points: square, reach: 20 },
     refuseOpen: { tool: "volume" },

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { serious } from "./axe.mjs";
-import { cameraOf, canvasOf, fortSite, open, openTab, pick, picture, setCamera, spotOn, stats, test, tool, troubleOf, waitFor } from "./harness.mjs";
+import { SHARP, cameraOf, canvasOf, fortSite, open, openTab, pick, picture, setCamera, spotOn, stats, test, tool, troubleOf, waitFor } from "./harness.mjs";
 
 const HEAD = "bytes=0-65535";
 
@@ -161,7 +161,7 @@ test("a view comes back from its address", async () => {
 });
 
 test("the memory limit holds during a flight, and what was forgotten comes back", async () => {
-  const { page, complaints, close } = await open(site.browser, fort("?memory=2&error=1"));
+  const { page, complaints, close } = await open(site.browser, fort("?memory=2&error=1"), SHARP);
   const limit = 2e6;
   const over = [];
   const check = async () => {

@@ -8,7 +8,7 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { serious } from "./axe.mjs";
-import { canvasOf, cameraOf, drag, KILWA, launch, open, openTab, pixels, serve, setCamera, test, tool, waitFor, WWW } from "./harness.mjs";
+import { SHARP, canvasOf, cameraOf, drag, KILWA, launch, open, openTab, pixels, serve, setCamera, test, tool, waitFor, WWW } from "./harness.mjs";
 import { projected } from "./projection.mjs";
 
 const run = promisify(execFile);
@@ -410,7 +410,7 @@ async function pretend(page, { camera, rotation, position, dot, name = "a.png" }
 
 for (const [what, { camera, turned = 0 }] of Object.entries(LENSES)) {
   test(`${what} fits the model: a place is shown where it was photographed`, async () => {
-    const { page, complaints, close } = await open(browser, PAGE(), { size: [1100, 800] });
+    const { page, complaints, close } = await open(browser, PAGE(), { ...SHARP, size: [1100, 800] });
     // A place on the model that is certainly seen: what is beside the middle of the picture.
     const { place, eye } = await page.evaluate(() => {
       const { api } = globalThis.kilwa;

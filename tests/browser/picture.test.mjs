@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { canvasOf, fortSite, open, pixels, test, waitFor } from "./harness.mjs";
+import { SHARP, canvasOf, fortSite, open, pixels, test, waitFor } from "./harness.mjs";
 import { decodePng } from "./png.mjs";
 
 const site = fortSite();
@@ -16,7 +16,7 @@ async function save(page) {
 }
 
 test("a picture requested while the camera is still moving, at a low frame rate, is made", async () => {
-  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [700, 500] });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { ...SHARP, size: [700, 500] });
   const size = await page.evaluate(async () => {
     const { api } = globalThis.kilwa;
     const frame = () => new Promise((resolve) => requestAnimationFrame(resolve));
@@ -34,7 +34,7 @@ test("a picture requested while the camera is still moving, at a low frame rate,
 });
 
 test("a picture of the canvas shows what the canvas shows; one twice as large shows the same, in tiles", async () => {
-  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [700, 500] });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { ...SHARP, size: [700, 500] });
   await canvasOf(page).focus();
   await page.keyboard.press("p");
   await dialogOf(page).getByRole("checkbox", { name: "With the scale bar" }).uncheck();
@@ -90,7 +90,7 @@ test("a picture of the canvas shows what the canvas shows; one twice as large sh
 });
 
 test("a picture of any size has a scale bar if requested, and a background unless none is requested", async () => {
-  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [700, 500] });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { ...SHARP, size: [700, 500] });
   const shown = await pixels(page);
   await openDialog(page);
   await dialogOf(page).getByRole("radio", { name: "Another size" }).check();
