@@ -85,7 +85,7 @@ impl Length {
     /// Seconds that each reader is fuzzed.
     fn fuzz_seconds(self) -> u64 {
         match self {
-            Self::Short => 10,
+            Self::Short => 5,
             Self::Long => 120,
         }
     }
