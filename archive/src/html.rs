@@ -27,7 +27,7 @@ pub fn render(template: &impl Template) -> String {
 /// An `iframe` that shows a model in the page of another site: what oEmbed hands out.
 #[derive(Debug, Template)]
 #[template(
-    source = "<iframe src=\"{{ address }}\" width=\"{{ width }}\" height=\"{{ height }}\" title=\"{{ title }}\" style=\"border:0;max-width:100%\" allow=\"fullscreen\" loading=\"lazy\"></iframe>",
+    source = "<iframe src=\"{{ address }}\" width=\"{{ width }}\" height=\"{{ height }}\" title=\"{{ title }}\" style=\"border:0;max-width:100%\" allow=\"fullscreen; xr-spatial-tracking\" loading=\"lazy\"></iframe>",
     ext = "html"
 )]
 pub struct Embedded<'a> {
