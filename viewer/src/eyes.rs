@@ -12,7 +12,7 @@ pub const NUMBERS: usize = 15;
 const NEAR: f64 = 0.03;
 /// From this depth on, metres, the pixel error that [`View::target_pixels`] asks for holds in every eye. What is nearer is drawn about as fine.
 const EXACT_FROM: f64 = 0.5;
-/// An eye that looks farther aside than this from where all of them look together is none of a headset: cosine.
+/// An eye that looks farther aside than this from where all of them look together cannot be an eye of a headset: cosine.
 const ASIDE: f64 = 0.2;
 
 /// An eye of a headset, in world coordinates: metres, z up.

@@ -11,8 +11,10 @@ const [REST, PUSHED] = [0.2, 0.7];
 const BACK = 0.4;
 /** Radians of a turn. */
 const TURN = Math.PI / 6;
-/** Directions that are remembered, to see how steadily a hand points: those of about a tenth of a second, so that the way to the place does not count. */
-const REMEMBERED = 8;
+/** Directions are remembered for so long, to see how steadily a hand points, milliseconds: the way to the place should not count. */
+const REMEMBERED = 120;
+/** Of fewer directions nothing is concluded; then a hand is taken to waver by so much, radians. */
+const [FEWEST, UNKNOWN] = [4, 0.005];
 /** Of a controller's buttons (xr-standard): the lower one beside the thumbstick. */
 const HELP = 4;
 
@@ -32,7 +34,7 @@ export class Hands {
   #hasTurned = false;
   #isAiming = false;
   #isHelpHeld = false;
-  /** By what points. @type {WeakMap<XRInputSource, Vector[]>} */
+  /** By what points. @type {WeakMap<XRInputSource, {at: number, way: Vector}[]>} */
   #ways = new WeakMap();
 
   /**
@@ -63,33 +65,31 @@ export class Hands {
   }
 
   /**
-   * What points now, with its ray.
+   * What points now, with its ray. Where the others point is remembered too: any trigger may be pulled next.
    * @param {Iterable<XRInputSource>} sources
    * @param {XRFrame} frame
    * @param {XRReferenceSpace} space
+   * @param {number} time of the frame, milliseconds
    */
-  pointing(sources, frame, space) {
+  pointing(sources, frame, space, time) {
     const all = [...sources];
     if (!this.pointer || !all.includes(this.pointer)) this.pointer = all.find(({ handedness }) => handedness !== "left") ?? all[0] ?? null;
-    const ray = this.pointer && this.ray(this.pointer, frame, space);
-    if (this.pointer && ray) this.#remember(this.pointer, ray.direction);
-    return ray;
-  }
-
-  /** @param {XRInputSource} source @param {Vector} way */
-  #remember(source, way) {
-    const ways = this.#ways.get(source) ?? [];
-    ways.push(way);
-    if (ways.length > REMEMBERED) ways.shift();
-    this.#ways.set(source, ways);
+    let pointed = null;
+    for (const source of all) {
+      const ray = this.ray(source, frame, space);
+      const recent = (this.#ways.get(source) ?? []).filter(({ at }) => time - at < REMEMBERED);
+      this.#ways.set(source, ray ? [...recent, { at: time, way: ray.direction }] : recent);
+      if (source === this.pointer) pointed = ray;
+    }
+    return pointed;
   }
 
   /** How much a hand has just wavered: standard deviation of its direction, radians. @param {XRInputSource} source */
   wavering(source) {
-    const ways = this.#ways.get(source) ?? [];
+    const ways = (this.#ways.get(source) ?? []).map(({ way }) => way);
+    if (ways.length < FEWEST) return UNKNOWN;
     const mean = /** @type {Vector} */ ([0, 1, 2].map((k) => ways.reduce((sum, way) => sum + way[k], 0) / ways.length));
-    const square = ways.reduce((sum, way) => sum + Math.hypot(...minus(way, mean)) ** 2, 0);
-    return ways.length > 1 ? Math.sqrt(square / ways.length) : 0;
+    return Math.sqrt(ways.reduce((sum, way) => sum + Math.hypot(...minus(way, mean)) ** 2, 0) / ways.length);
   }
 
   /**

@@ -95,6 +95,8 @@ class Headset {
     this.#isBusy = true;
     /** @type {XRSession | null} */
     let session = null;
+    /** @type {WebGL2RenderingContext | null} */
+    let gl = null;
     try {
       const { model, scene } = current.opened;
       const running = program(model.module);
@@ -106,12 +108,13 @@ class Headset {
       const canvas = document.createElement("canvas");
       // The program takes this context when it asks the canvas for one.
       const settings = { xrCompatible: true, alpha: true, antialias: false, depth: false, stencil: false };
-      const gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", settings));
+      gl = /** @type {WebGL2RenderingContext | null} */ (canvas.getContext("webgl2", settings));
       if (!gl) throw new Error(t("headsetNoWebgl"));
       const [{ Viewer }, space] = await Promise.all([running, floor(session)]);
       const viewer = await Viewer.create(canvas, model.head);
       if (hasEnded || !scene.isOpen || current.scene !== scene) {
         viewer.free();
+        release(gl);
         if (!hasEnded) await session.end();
         return;
       }
@@ -122,6 +125,7 @@ class Headset {
       announce(t("headsetInside"));
     } catch (error) {
       notice(t("headsetFailed", { why: error.kind === "noGpu" ? t("headsetNoWebgl") : why(error) }), 12000);
+      release(gl);
       session?.end().catch(() => {});
     } finally {
       this.#isBusy = false;
@@ -139,6 +143,9 @@ class Headset {
     this.page.current.scene?.session.wake();
   }
 }
+
+/** Browsers allow few contexts: one that nobody needs goes at once. @param {WebGL2RenderingContext | null} gl */
+const release = (gl) => gl?.getExtension("WEBGL_lose_context")?.loseContext();
 
 /**
  * The headset's space with the floor at height 0: where it knows no floor, below the eyes of someone who stands.

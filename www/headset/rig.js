@@ -10,6 +10,8 @@ import { minus, plus, times, vector } from "./vectors.js";
 const LOWEST = 0.3;
 /** Metres that a person walks in a second with the thumbstick pushed to its end. */
 const SPEED = 1.6;
+/** Ground that is higher or lower than the floor by more, in heights of the eye, is not followed by who only moves in the room: they lean over it. */
+const LEANING = 0.4;
 /** Metres that nobody sees. */
 const STILL = 2e-4;
 /** A pause between two frames is no long stride, seconds. */
@@ -71,10 +73,13 @@ export class Rig {
    */
   walk(viewer, { position, forward }, [right, ahead], seconds) {
     const eye = this.place(position);
+    const height = Math.max(LOWEST, position[1]);
+    const isStill = right === 0 && ahead === 0;
+    if (isStill && Math.abs(viewer.groundBelow(...eye) - (eye[2] - position[1])) > LEANING * height) return;
     const [x, , z] = forward;
     const level = Math.hypot(x, z) || 1;
     const [east, north] = times(this.way([(x * ahead - z * right) / level, 0, (z * ahead + x * right) / level]), SPEED * Math.min(LONGEST, seconds));
-    const there = viewer.stepFrom(...eye, east, north, Math.min(LONGEST, seconds), Math.max(LOWEST, position[1]));
+    const there = viewer.stepFrom(...eye, east, north, Math.min(LONGEST, seconds), height);
     const moved = minus(vector(there), eye);
     // Movements too small to be seen are skipped: who stands still keeps the same picture, which is then drawn at its finest.
     if (Math.hypot(...moved) > STILL) this.#origin = plus(this.#origin, moved);

@@ -72,12 +72,14 @@ export class Tape {
       (point) => (picked.point = point),
       (error) => this.#lose(picked, why(error)),
     );
-    picked.done
-      .then((point) => point.done)
-      .then(
-        (isFound) => isFound === false && this.#lose(picked, t("measureMissed")),
-        () => {},
-      );
+    picked.done.then(
+      ({ done }) =>
+        done?.then(
+          (isFound) => isFound === false && this.#lose(picked, t("measureMissed")),
+          (error) => this.#lose(picked, why(error)),
+        ),
+      () => {}, // reported above
+    );
     if (this.#first) this.#finish([this.#first, picked]);
     this.#first = this.#first ? null : picked;
   }

@@ -82,6 +82,7 @@ export class Visit {
     this.space = space;
     this.gl = gl;
     this.viewer = viewer;
+    this.page = page;
     this.shown = shown;
     this.ended = ended;
     const { model, scene } = page.current.opened;
@@ -92,6 +93,7 @@ export class Visit {
     this.#tape = new Tape(page.measuring, (text) => this.#say(text));
     this.#tape.load().catch(() => {}); // the first press reports it
     this.#entry = { ground: vector(scene.walk.place()), azimuth: scene.viewer.camera().azimuth };
+    this.model = model;
     this.#show(page);
     const fed = Object.assign(viewer, {
       frame: (/** @type {number} */ now) => viewer.frameOfEyes(now, this.#eyes),
@@ -103,25 +105,35 @@ export class Visit {
       target.addEventListener(event, act, { signal });
     on(session, "end", () => this.#over(null));
     on(session, "select", (event) => this.#guarded(() => this.#select(event)));
-    on(session, "squeeze", () => this.#tape.back());
+    on(session, "squeeze", () => this.#guarded(() => this.#tape.back()));
     // The person has given the room another middle: they stay where they are in the model.
     on(space, "reset", () => (this.#entry ??= this.#here));
     on(gl.canvas, "webglcontextlost", () => this.end(t("headsetLost")));
     // Another model, or the page's own picture was given up.
-    const look = () => !scene.isOpen && this.end(t("headsetClosed"));
+    const look = () => !scene.isOpen && this.end(t(page.current.model === model ? "headsetLost" : "headsetClosed"));
     scene.session.watchers.add(look);
     signal.addEventListener("abort", () => scene.session.watchers.delete(look));
-    this.model = model;
     session.requestAnimationFrame(this.#loop);
+  }
+
+  /** What the page shows of the model, as the viewer gave it last. */
+  #display = "";
+
+  /** What is cut away in the page is cut away here: a measurement is made on what the page shows. */
+  #follow() {
+    const { scene, model } = this.page.current;
+    if (!scene?.isOpen || model !== this.model) return;
+    const display = scene.viewer.displayState();
+    if (display !== this.#display) this.viewer.setDisplayState(display);
+    this.#display = display;
   }
 
   /** The model as the page shows it. @param {HeadsetPage} page */
   #show({ current, settings }) {
-    const { model, scene } = current.opened;
+    const { model } = current.opened;
     const { viewer } = this;
     if (model.isCutOff) viewer.setCutOff(Number(model.pack.bytes));
     viewer.setDark(matchMedia("(prefers-color-scheme: dark)").matches);
-    viewer.setDisplayState(scene.viewer.displayState());
     viewer.setMemory(settings.memory * 1e6, settings.memory * 2e6);
     viewer.setTargetPixels(settings.detail);
   }
@@ -182,9 +194,12 @@ export class Visit {
     if (this.#isOver) return;
     this.#isOver = true;
     this.#abort.abort();
-    this.streaming.close();
-    this.gl.getExtension("WEBGL_lose_context")?.loseContext();
-    this.ended(reason);
+    try {
+      this.streaming.close();
+    } finally {
+      this.gl.getExtension("WEBGL_lose_context")?.loseContext();
+      this.ended(reason);
+    }
   }
 
   /** @param {() => void} action */
@@ -227,6 +242,7 @@ export class Visit {
     const seconds = Math.max(0, time - (this.#last ?? time)) / 1000;
     this.#last = time;
     if (isFirst) this.#helpUntil = time + HELP_MS;
+    this.#follow();
     this.#move(time, frame, seconds);
     const eyes = this.#look(pose);
     if (eyes.length === 0) return;
@@ -262,7 +278,7 @@ export class Visit {
     if (asked.jumps && this.#goal) this.#rig.stand(position, this.#goal);
     // Before something of the model is here there is no ground.
     else if (this.streaming.drawn) this.#rig.walk(this.viewer, this.#head, asked.walk, seconds);
-    const ray = this.#modelRay(this.#hands.pointing(inputSources, frame, this.space));
+    const ray = this.#modelRay(this.#hands.pointing(inputSources, frame, this.space, time));
     this.#ray = ray;
     this.#pointed = ray && this.#meet(ray);
     this.#goal = asked.isAiming && ray && this.#pointed ? standing(this.viewer, this.#pointed.world, ray.direction, position[1]) : null;

@@ -342,13 +342,14 @@ export class Measure {
   // For a headset (headset/tape.js), where places are picked along rays.
 
   /**
-   * A place along a ray, looked up on the finest surface at once. `world` and `half` as in Point; `pixel`: how wide what points is at a place.
+   * A place along a ray, looked up on the finest surface at once; it does not snap, for the magnet cannot be seen there. `world` and `half` as in Point; `pixel`:
+   * how wide what points is at a place.
    * @param {Ray} ray
    * @param {{world: number[], half: number, pixel: (found: import("./task.js").Found) => number}} seen
    */
   pointAlong(ray, { world, half, pixel }) {
     const point = new Point({ ray, world, half });
-    point.pick(this.engine, { clip: this.clip, snap: this.snap, onChange: () => this.refresh(), pixel });
+    point.pick(this.engine, { clip: this.clip, snap: "none", onChange: () => this.refresh(), pixel });
     return point;
   }
 
