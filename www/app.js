@@ -222,8 +222,9 @@ class Page {
     const published = (/** @type {string} */ name) => this.parameters.get(name) ?? document.body.dataset[name];
     await this.person.publish(published("annotations"));
     await this.person.offer(published("holes"), published("photographs"));
-    const { xr } = navigator;
-    if (await xr?.isSessionSupported("immersive-vr").catch(() => {})) (await import("./headset/headset.js")).offer(this);
+    // Where a frame may not use headsets, asking for one is an error in the console.
+    const isAllowed = document.featurePolicy?.allowsFeature("xr-spatial-tracking") ?? true;
+    if (isAllowed && (await navigator.xr?.isSessionSupported("immersive-vr").catch(() => {}))) (await import("./headset/headset.js")).offer(this);
   }
 
   /**

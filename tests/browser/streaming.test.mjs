@@ -1,7 +1,7 @@
 // What streaming costs before the first pixel, and a server that refuses every third request.
 
 import assert from "node:assert/strict";
-import { fortSite, open, picture, stats, test, waitFor } from "./harness.mjs";
+import { SHARP, fortSite, open, picture, stats, test, waitFor } from "./harness.mjs";
 
 /** All bytes over the wire before the first pixel, as the server packs them: readers on slow links are the audience. The decoder has
  * two codecs since format 1.1. */
@@ -15,6 +15,7 @@ test("before the first pixel the pack costs one request of 64 KiB, asked for bef
   let release;
   const held = new Promise((resolve) => (release = resolve));
   const { page, close } = await open(site.browser, `${site.server.url}/m/fort`, {
+    ...SHARP,
     wait: "first",
     before: async (page) => {
       await page.route("**/packs/**", async (route) => {
@@ -51,7 +52,7 @@ test("before the first pixel the pack costs one request of 64 KiB, asked for bef
 });
 
 test("a server that refuses or drops every third request gives the same picture in the end", async () => {
-  const right = await open(site.browser, `${site.proxy.url}/m/fort?error=2`);
+  const right = await open(site.browser, `${site.proxy.url}/m/fort?error=2`, SHARP);
   const wanted = await picture(right.page);
   await right.close();
   // Seeded: which requests fail is the same in every run.
@@ -68,7 +69,7 @@ test("a server that refuses or drops every third request gives the same picture 
     dropped += 1;
     return { drop: true };
   };
-  const { page, close } = await open(site.browser, `${site.proxy.url}/m/fort?error=2`, { wait: "first" });
+  const { page, close } = await open(site.browser, `${site.proxy.url}/m/fort?error=2`, { ...SHARP, wait: "first" });
   await waitFor(page, "settled");
   const s = await stats(page);
   // A browser itself repeats a request whose connection, used before, is dropped; the page sees nothing of that.
@@ -137,6 +138,7 @@ test("while the browser gives no frames the model goes on coming, for two second
   let release;
   const released = new Promise((resolve) => (release = resolve));
   const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=0.5`, {
+    ...SHARP,
     wait: "first",
     before: async (page) => {
       await page.clock.install();
@@ -177,6 +179,7 @@ test("while the browser gives no frames the model goes on coming, for two second
 
 test("where frames are slow to come, what came by itself leaves as long to what fetches and decodes, and what a person does is drawn at once", async () => {
   const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=0.5`, {
+    ...SHARP,
     wait: null,
     reducedMotion: "no-preference",
     before: (page) => page.addInitScript(watch, { late: 150 }),
@@ -207,6 +210,7 @@ test("where frames are slow to come, what came by itself leaves as long to what 
 test("what decodes is asked for again where it did not come", async () => {
   let refused = 0;
   const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=4`, {
+    ...SHARP,
     before: (page) =>
       page.route("**/decode_bg.wasm", async (route) => {
         refused += 1;
@@ -222,6 +226,7 @@ test("what decodes is asked for again where it did not come", async () => {
 test("a worker whose script does not come is started again", async () => {
   let refused = 0;
   const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=4`, {
+    ...SHARP,
     before: async (page) => {
       // The script fails while the program is on its way.
       await page.route("**/decode_bg.wasm", async (route) => {

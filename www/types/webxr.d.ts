@@ -1,5 +1,10 @@
 // What the page uses of the WebXR Device API (https://www.w3.org/TR/webxr/), which TypeScript's own libraries do not declare.
 
+interface Document {
+  /** Only Chromium has it (https://w3c.github.io/webappsec-permissions-policy/). */
+  readonly featurePolicy?: { allowsFeature(feature: string): boolean };
+}
+
 interface Navigator {
   readonly xr?: XRSystem;
 }
