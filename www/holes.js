@@ -5,8 +5,9 @@ import { html, nothing } from "lit-html";
 import { notice, peek } from "./chrome.js";
 import { $ } from "./dom.js";
 import { count, isolate } from "./format.js";
-import { add, onChange, t } from "./i18n.js";
+import { onChange, t } from "./i18n.js";
 import { why } from "./messages.js";
+import { partMessages } from "./part-messages.js";
 import { get } from "./store.js";
 import { show } from "./view.js";
 
@@ -36,14 +37,6 @@ const [MAX_HOLES, MAX_POINTS] = [200, 12_000];
 const PIECE = 8;
 /** Milliseconds per turn of that test; how far a point may lie behind the drawn surface and still count as visible, as a share of its distance. */
 const [PATIENCE, SLACK] = [4, 0.004];
-
-/** The messages of the page's language. @returns {Promise<void>} */
-async function words() {
-  const { lang } = document.documentElement;
-  const messages = await (await fetch(new URL(`i18n/holes-${lang}.json`, import.meta.url))).json();
-  if (lang !== document.documentElement.lang) return words();
-  add(messages);
-}
 
 /** @param {number[]} a @param {number[]} b */
 const distance = (a, b) => Math.hypot(...a.map((v, k) => v - b[k]));
@@ -137,7 +130,7 @@ export class Holes {
     $("marks").before(this.#canvas);
     $("display").firstElementChild?.after(this.#panel);
     $("tab-display").addEventListener("click", () => this.#show()); // The unit may have changed.
-    onChange(() => this.#isHere && words().then(() => this.#show()));
+    onChange(() => this.#isHere && partMessages("holes").then(() => this.#show()));
     this.attach(scene);
   }
 
@@ -303,7 +296,7 @@ export class Holes {
 export async function offer(current, read, isOn) {
   const { scene } = current;
   try {
-    await words();
+    await partMessages("holes");
     if (!scene?.isOpen || current.scene !== scene) return;
     current.holes?.close();
     const holes = new Holes(current, scene, read);

@@ -4,8 +4,9 @@
 import { html } from "lit-html";
 import { announce, notice } from "../chrome.js";
 import { $ } from "../dom.js";
-import { add, onChange, t } from "../i18n.js";
+import { onChange, t } from "../i18n.js";
 import { why } from "../messages.js";
+import { partMessages } from "../part-messages.js";
 import { show } from "../view.js";
 import { Visit } from "./visit.js";
 
@@ -48,16 +49,6 @@ function program(running) {
   return loading;
 }
 
-/** The messages of the page's language. @returns {Promise<void>} */
-async function words() {
-  const { lang } = document.documentElement;
-  const response = await fetch(`i18n/headset-${lang}.json`);
-  if (!response.ok) throw new Error(`i18n/headset-${lang}.json: ${response.status}`);
-  const messages = await response.json();
-  if (lang !== document.documentElement.lang) return words();
-  add(messages);
-}
-
 class Headset {
   #button = Object.assign(document.createElement("button"), { type: "button", id: "headset", className: "button icon" });
   /** @type {Visit | null} */
@@ -71,7 +62,7 @@ class Headset {
     this.#button.addEventListener("click", () => (this.#visit ? this.#visit.end() : this.#enter()));
     $("fullscreen").before(this.#button);
     onChange(() => {
-      words().then(
+      partMessages("headset").then(
         () => this.#show(),
         () => {}, // the messages of before stay
       );
@@ -166,7 +157,7 @@ async function floor(session) {
  */
 export async function offer(page) {
   try {
-    await words();
+    await partMessages("headset");
     if (!document.getElementById("headset")) new Headset(page);
   } catch (error) {
     notice(why(error), 12000);

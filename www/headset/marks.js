@@ -1,6 +1,7 @@
 // What is drawn over the model in each eye: rays, dots, lines, rings and plates with text. WebGL 2, in the context that the viewer draws in: what it keeps
 // between frames is put back.
 
+import { linked } from "../gl-program.js";
 import { card } from "./cards.js";
 import { cross, dot, facing, minus, plus, times, unit } from "./vectors.js";
 
@@ -82,18 +83,7 @@ export class Marks {
   /** @param {WebGL2RenderingContext} gl */
   constructor(gl) {
     this.#gl = gl;
-    const program = gl.createProgram();
-    for (const [type, source] of /** @type {[number, string][]} */ ([
-      [gl.VERTEX_SHADER, VERTEX],
-      [gl.FRAGMENT_SHADER, FRAGMENT],
-    ])) {
-      const shader = /** @type {WebGLShader} */ (gl.createShader(type));
-      gl.shaderSource(shader, source);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program) ?? "WebGL 2");
+    const program = linked(gl, VERTEX, FRAGMENT);
     this.#program = program;
     this.#clip = gl.getUniformLocation(program, "clip");
     this.#before = gl.getParameter(gl.VERTEX_ARRAY_BINDING);
@@ -128,7 +118,7 @@ export class Marks {
   }
 
   /**
-   * Nothing is drawn any more.
+   * Begin a frame, with nothing in it.
    * @param {Vector} base the middle of the eyes: places are counted from there
    * @param {number} pixel radians, which lines cover at least
    */

@@ -1,6 +1,7 @@
 // A photograph over the picture of its own view. From where it was taken, what a pixel shows depends on its direction only: the photograph is a net of
 // directions (lens.js) that the graphics card draws for the camera of the page, so that distorted photographs and panoramas fit too.
 
+import { linked } from "../gl-program.js";
 import { t } from "../i18n.js";
 import { net } from "./lens.js";
 
@@ -37,18 +38,7 @@ export class Overlay {
     const gl = canvas.getContext("webgl2", { alpha: true, antialias: false, premultipliedAlpha: true, preserveDrawingBuffer: true });
     if (!gl) throw new Error(t("photographNoWebgl"));
     this.#gl = gl;
-    const program = gl.createProgram();
-    for (const [type, source] of /** @type {[number, string][]} */ ([
-      [gl.VERTEX_SHADER, VERTEX],
-      [gl.FRAGMENT_SHADER, FRAGMENT],
-    ])) {
-      const shader = /** @type {WebGLShader} */ (gl.createShader(type));
-      gl.shaderSource(shader, source);
-      gl.compileShader(shader);
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program) ?? t("photographNoWebgl"));
+    const program = linked(gl, VERTEX, FRAGMENT);
     gl.useProgram(program);
     this.#view = gl.getUniformLocation(program, "view");
     const { directions, places, corners } = net(lens);

@@ -5,8 +5,9 @@
 import { html, nothing } from "lit-html";
 import { announce, notice, peek } from "../chrome.js";
 import { $ } from "../dom.js";
-import { add, onChange, t } from "../i18n.js";
+import { onChange, t } from "../i18n.js";
 import { why } from "../messages.js";
+import { partMessages } from "../part-messages.js";
 import { partStyles } from "../part-styles.js";
 import { show } from "../view.js";
 import { Frusta } from "./frusta.js";
@@ -27,16 +28,6 @@ const [REACH, REACH_TOUCH] = [14, 24];
 const SLACK = 6;
 /** The eye stands where the photograph was taken, as a share of what the model measures. */
 const SAME_PLACE = 1e-7;
-
-/** The messages of the page's language. @returns {Promise<void>} */
-async function words() {
-  const { lang } = document.documentElement;
-  const response = await fetch(`i18n/photographs-${lang}.json`);
-  if (!response.ok) throw new Error(`i18n/photographs-${lang}.json: ${response.status}`);
-  const messages = await response.json();
-  if (lang !== document.documentElement.lang) return words();
-  add(messages);
-}
 
 class Photographs {
   /** @type {Photograph[] | null} */
@@ -80,7 +71,7 @@ class Photographs {
     this.read = read;
     $("display").firstElementChild?.after(this.#panel);
     onChange(() => {
-      const written = this.#isHere && words().then(() => this.#show());
+      const written = this.#isHere && partMessages("photographs").then(() => this.#show());
       if (written) written.catch(() => {}); // the messages of before stay
     });
     const { signal } = this.#abort;
@@ -428,7 +419,7 @@ function ahead({ position }, camera) {
 export async function offer(current, { report, pack, read }) {
   const { scene } = current;
   try {
-    await Promise.all([words(), partStyles("photographs.css")]);
+    await Promise.all([partMessages("photographs"), partStyles("photographs.css")]);
     if (!scene?.isOpen || current.scene !== scene) return;
     current.photographs?.close();
     const photographs = new Photographs(current, scene, new URL(report, new URL(pack, location.href)), read);
