@@ -244,15 +244,17 @@ class Page {
    */
   async openFile(file) {
     const { current } = this;
-    current.scene?.close();
+    const { scene, model } = current;
+    // Whoever watches the picture sees that the model goes too.
+    current.scene = current.model = null;
+    scene?.close();
     current.holes?.close();
     current.photographs?.close();
     current.notes?.tour.close();
     current.notes?.closeForm();
     this.measuring.close();
     if (current.pack instanceof LocalPack) current.pack.close();
-    current.model?.close();
-    current.scene = current.model = null;
+    model?.close();
     const pack = new LocalPack(file);
     current.pack = pack;
     this.screen.loading();

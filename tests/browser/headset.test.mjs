@@ -375,6 +375,17 @@ test("controllers measure as the page does; squeezing takes back; thumbsticks wa
   assert.ok(distance(jumped.at([0, 0, 0]), points[1]) < 0.02, `${jumped.at([0, 0, 0])}, not ${points[1]}`);
   if (SHOTS) await page.screenshot({ path: path.join(SHOTS, "headset-many.png") });
 
+  // What the page shows and cuts away is what the headset shows.
+  await whole(page);
+  const plain = await seen(page);
+  const mode = await page.evaluate(() => globalThis.kilwa.api.getMode());
+  await page.evaluate(() => globalThis.kilwa.api.setMode("error"));
+  await whole(page);
+  assert.ok(differing(plain, await seen(page), 24) > 0.1);
+  await page.evaluate((mode) => globalThis.kilwa.api.setMode(mode), mode);
+  await whole(page);
+  assert.ok(differing(plain, await seen(page), 24) < 0.02);
+
   // What was measured is in the list of the page.
   await button(page, "Exit VR").evaluate((element) => element.click());
   await button(page).waitFor();
@@ -406,6 +417,13 @@ test("a lost context and a refused session end with a message, and it can be sta
   assert.ok(Math.abs(height - 1) < 0.25, `a ray that slants by 45° from a hand 1 m above the floor meets the ground ${height} m ahead`);
   await page.evaluate(() => globalThis.device.activeSession.end());
   await button(page).waitFor();
+
+  // Another model is opened in the page.
+  await enter(page);
+  await page.getByLabel("Open a file").first().setInputFiles(site.pack);
+  await notice(page, "VR has ended because the model was closed").waitFor();
+  await button(page).waitFor();
+  await page.waitForFunction(() => !globalThis.device.activeSession && globalThis.kilwa.api.stats()?.settled);
 
   await page.evaluate(() => {
     navigator.xr.requestSession = () => Promise.reject(new DOMException("not today", "NotAllowedError"));
