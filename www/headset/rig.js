@@ -1,4 +1,4 @@
-// Where the floor of the headset's space lies in the model, at 1:1: who wears it stands on the model's ground, walks over it, turns in steps and jumps to
+// Where the floor of the headset's space lies in the model, at 1:1: whoever wears it stands on the model's ground, walks over it, turns in steps and jumps to
 // places. The headset's space has y up and z to the viewer, the model z up; both are in metres.
 
 import { minus, plus, times, vector } from "./vectors.js";
@@ -10,7 +10,7 @@ import { minus, plus, times, vector } from "./vectors.js";
 const LOWEST = 0.3;
 /** Metres that a person walks in a second with the thumbstick pushed to its end. */
 const SPEED = 1.6;
-/** Ground that is higher or lower than the floor by more, in heights of the eye, is not followed by who only moves in the room: they lean over it. */
+/** Whoever moves in the room without the thumbstick leans over ground that is higher or lower than the floor by more than this share of the eye's height. */
 const LEANING = 0.4;
 /** Metres that nobody sees. */
 const STILL = 2e-4;
@@ -45,9 +45,9 @@ export class Rig {
   }
 
   /**
-   * Turn, so that who looks along `forward` looks north-east and so on in the model.
+   * Turn so that whoever looks along `forward` looks the way a camera does.
    * @param {Vector} forward in the headset's space
-   * @param {number} azimuth where the eye of a camera stands that looks this way: from north, clockwise
+   * @param {number} azimuth of that camera: where its eye stands, clockwise from north
    */
   face([x, , z], azimuth) {
     this.#turn = Math.PI - azimuth - Math.atan2(-x, -z);
@@ -81,7 +81,7 @@ export class Rig {
     const [east, north] = times(this.way([(x * ahead - z * right) / level, 0, (z * ahead + x * right) / level]), SPEED * Math.min(LONGEST, seconds));
     const there = viewer.stepFrom(...eye, east, north, Math.min(LONGEST, seconds), height);
     const moved = minus(vector(there), eye);
-    // Movements too small to be seen are skipped: who stands still keeps the same picture, which is then drawn at its finest.
+    // Movements too small to be seen are skipped: whoever stands still keeps the same picture, which is then drawn at its finest.
     if (Math.hypot(...moved) > STILL) this.#origin = plus(this.#origin, moved);
   }
 }

@@ -74,7 +74,7 @@ export class Visit {
    * @param {WebGL2RenderingContext} parts.gl
    * @param {HeadsetViewer} parts.viewer on the same canvas
    * @param {HeadsetPage} parts.page
-   * @param {(isWhole: boolean) => void} parts.shown a frame was drawn; whether all that it needs of the model was there
+   * @param {(isWhole: boolean) => void} parts.shown a frame was drawn: with everything that it needs of the model, or without some of it
    * @param {(reason: string | null) => void} parts.ended why it ended, where nobody asked for that
    */
   constructor({ session, space, gl, viewer, page, shown, ended }) {

@@ -20,7 +20,7 @@ impl Viewer {
     /// Decide what the eyes show, without drawing. Returns `{ commands, stats }` as [`Viewer::frame`] does.
     ///
     /// # Errors
-    /// When these are no eyes.
+    /// When the numbers do not describe eyes, or one looks too far aside.
     #[wasm_bindgen(js_name = frameOfEyes)]
     pub fn frame_of_eyes(&mut self, now_ms: f64, eyes: &[f64]) -> Result<JsValue, JsValue> {
         let mut view = self.view_of_eyes(eyes)?;
@@ -57,10 +57,11 @@ impl Viewer {
     /// now.
     ///
     /// # Errors
-    /// When this is no eye.
+    /// When the numbers do not describe an eye.
     #[wasm_bindgen(js_name = drawEye)]
     pub fn draw_eye(&mut self, eye: &[f64]) -> Result<bool, JsError> {
-        let eye = Eye::from_numbers(eye).ok_or_else(|| JsError::new("this is no eye"))?;
+        let eye =
+            Eye::from_numbers(eye).ok_or_else(|| JsError::new("the numbers do not describe an eye of a headset"))?;
         let frame = match self.surface.get_current_texture() {
             wgpu::CurrentSurfaceTexture::Success(frame) | wgpu::CurrentSurfaceTexture::Suboptimal(frame) => frame,
             wgpu::CurrentSurfaceTexture::Outdated => {
@@ -117,7 +118,7 @@ impl Viewer {
         let eyes: Option<Vec<Eye>> = eyes.chunks(NUMBERS).map(Eye::from_numbers).collect();
         let lattice = &self.streamer.header().lattice;
         let view = eyes.and_then(|eyes| view_of_all(&eyes, lattice, self.target_pixels));
-        let view = view.ok_or_else(|| JsError::new("these are no eyes of a headset"))?;
+        let view = view.ok_or_else(|| JsError::new("the numbers do not describe the eyes of a headset"))?;
         Ok(View { clip: self.options.clip, ..view })
     }
 }
