@@ -1,6 +1,7 @@
-//! Points `include_dir!` at `www/dist` where the page has been built, and at an empty folder where it has not, so that
-//! the server compiles on a machine that never built the page (it then says how). A page without the places that the
-//! facts of a model are put into stops the build.
+//! Says where the built page is. A release program embeds it (`cfg(embedded)`): `www/dist` where the page has been built, and an
+//! empty folder where it has not, so that the server compiles on a machine that never built the page (it then says how). A page
+//! without the places that the facts of a model are put into stops that build. Other programs, those of development and of the
+//! tests, read `www/dist` when they run, so that a change of the page compiles nothing again.
 
 use std::path::{Path, PathBuf};
 
@@ -8,9 +9,17 @@ use std::path::{Path, PathBuf};
 mod places;
 
 fn main() -> std::io::Result<()> {
+    println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rerun-if-changed=src/places.rs");
+    println!("cargo:rustc-check-cfg=cfg(embedded)");
     let here = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
     let www = here.join("../www");
     let built = www.join("dist");
+    if std::env::var("PROFILE").is_ok_and(|profile| profile == "debug") {
+        println!("cargo:rustc-env=KILWA_PAGE={}", built.display());
+        return Ok(());
+    }
+    println!("cargo:rustc-cfg=embedded");
     // Watching a path that does not exist would rebuild every time: watch the folder that it would appear in.
     let (page, watched) = if built.join("index.html").is_file() {
         let index = built.join("index.html");
@@ -25,8 +34,6 @@ fn main() -> std::io::Result<()> {
         (empty, www)
     };
     println!("cargo:rerun-if-changed={}", watched.display());
-    println!("cargo:rerun-if-changed=build.rs");
-    println!("cargo:rerun-if-changed=src/places.rs");
     println!("cargo:rustc-env=KILWA_PAGE={}", page.display());
     Ok(())
 }

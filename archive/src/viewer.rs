@@ -6,12 +6,14 @@
 use crate::frame::Frame;
 use crate::places::PLACES;
 use bytes::Bytes;
+#[cfg(embedded)]
 use include_dir::{Dir, include_dir};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use thiserror::Error;
 
+#[cfg(embedded)]
 static EMBEDDED: Dir<'_> = include_dir!("$KILWA_PAGE");
 /// The first of [`crate::places::PLACES`].
 const HEAD: &str = PLACES[0].0;
@@ -75,7 +77,8 @@ pub struct Page {
 }
 
 impl Page {
-    /// The page that was built into the program, or the one in `folder`.
+    /// The page of the program, or the one in `folder`. A release program has its page built in; a program of development or of the tests reads
+    /// `www/dist` of the repository (see build.rs).
     ///
     /// # Errors
     /// [`PageError`] when there is none, saying how to build it.
@@ -83,7 +86,15 @@ impl Page {
         let mut raw = BTreeMap::new();
         match folder {
             Some(folder) => read_folder(folder, folder, &mut 0, &mut raw)?,
+            #[cfg(embedded)]
             None => collect(&EMBEDDED, &mut raw),
+            #[cfg(not(embedded))]
+            None => {
+                let built = Path::new(env!("KILWA_PAGE"));
+                if built.is_dir() {
+                    read_folder(built, built, &mut 0, &mut raw)?;
+                }
+            }
         }
         let page = Self::from_files(raw);
         match (page.missing(), folder) {
@@ -176,6 +187,7 @@ fn asset(name: &str, bytes: Vec<u8>, brotli: Option<Bytes>, gzip: Option<Bytes>)
     Asset { brotli, gzip, content_type: content_type(name), etag, bytes: bytes.into() }
 }
 
+#[cfg(embedded)]
 fn collect(dir: &Dir<'_>, into: &mut BTreeMap<String, Vec<u8>>) {
     for file in dir.files() {
         if let Some(name) = file.path().to_str() {
