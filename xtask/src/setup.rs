@@ -1,6 +1,6 @@
 //! The tools that the tasks need besides cargo, checked before they are used and installed where that is possible without asking:
-//! the wasm target (rustup), Node and npm packages (npm ci from the lock files), Debian's Chromium, Firefox and WebKitGTK,
-//! Mesa's software Vulkan and strace (apt-get, only as root).
+//! the wasm target (rustup), Node and npm packages (npm ci from the lock files), Debian's Chromium with and without its windows, Firefox
+//! and WebKitGTK, Mesa's software Vulkan and strace (apt-get, only as root).
 //!
 //! Invariants: each step says what it does before it does it; nothing is installed through sudo; where a step cannot be done the
 //! error is the command to type. A step that has nothing to do prints one line or none.
@@ -86,16 +86,13 @@ pub(crate) fn npm_packages(folder: &str) -> Result<PathBuf> {
     Ok(folder)
 }
 
-/// The browser that the page is tested in: `$CHROMIUM`, or the first Chromium on `PATH`, installed from Debian where possible.
+/// Chromium: `$CHROMIUM`, or the first on `PATH`, installed from Debian where possible.
 ///
 /// # Errors
 /// None is there and none can be installed.
 pub(crate) fn chromium() -> Result<PathBuf> {
-    if let Some(chosen) = std::env::var_os("CHROMIUM").map(PathBuf::from) {
-        if chosen.is_file() {
-            return Ok(chosen);
-        }
-        bail!("CHROMIUM={} is not a file", chosen.display());
+    if let Some(chosen) = chosen_chromium()? {
+        return Ok(chosen);
     }
     let names = ["chromium", "chromium-browser", "google-chrome-stable", "google-chrome"];
     if let Some(found) = on_path(&names) {
@@ -103,6 +100,40 @@ pub(crate) fn chromium() -> Result<PathBuf> {
     }
     apt(&["chromium"], "no Chromium on PATH; the page is tested in one (or set CHROMIUM to another build's program)")?;
     on_path(&names).context("Debian's package chromium was installed, yet there is no chromium on PATH")
+}
+
+/// Chromium without its windows: the same engine, which draws the same pictures for three quarters of the processor time
+/// (docs/bench/2026-11-30-headless-shell.md). Where it cannot be installed, [`chromium`].
+///
+/// # Errors
+/// As for [`chromium`].
+pub(crate) fn headless_chromium() -> Result<PathBuf> {
+    if let Some(chosen) = chosen_chromium()? {
+        return Ok(chosen);
+    }
+    let names = ["chromium-headless-shell", "chrome-headless-shell"];
+    if let Some(found) = on_path(&names) {
+        return Ok(found);
+    }
+    let installed =
+        apt(&["chromium-headless-shell"], "no chromium-headless-shell on PATH, in which the page is tested");
+    match installed.map(|()| on_path(&names)) {
+        Ok(Some(found)) => Ok(found),
+        Ok(None) => chromium(),
+        Err(why) => {
+            println!("setup: {why:#}; the whole Chromium, which takes longer, is used instead");
+            chromium()
+        }
+    }
+}
+
+/// `$CHROMIUM`.
+fn chosen_chromium() -> Result<Option<PathBuf>> {
+    match std::env::var_os("CHROMIUM").map(PathBuf::from) {
+        Some(chosen) if chosen.is_file() => Ok(Some(chosen)),
+        Some(chosen) => bail!("CHROMIUM={} is not a file", chosen.display()),
+        None => Ok(None),
+    }
 }
 
 /// A Vulkan driver for headless rendering: any on Linux, Mesa's software one if there is none.

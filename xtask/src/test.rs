@@ -212,7 +212,15 @@ impl std::fmt::Display for Failed {
 
 impl std::error::Error for Failed {}
 
-fn set_up(_: Length) -> Result<Tally> {
+/// The long form tests the page in the whole Chromium, the short form without its windows.
+fn chromium(length: Length) -> Result<PathBuf> {
+    match length {
+        Length::Short => setup::headless_chromium(),
+        Length::Long => setup::chromium(),
+    }
+}
+
+fn set_up(length: Length) -> Result<Tally> {
     setup::wasm_target()?;
     setup::npm_packages("xtask/npm")?;
     setup::npm_packages("tests/browser")?;
@@ -220,7 +228,7 @@ fn set_up(_: Length) -> Result<Tally> {
     println!("second opinions: {}", setup::python_packages(trust::PACKAGES)?.display());
     println!("a store to test with: {}", setup::python_packages(STORE_PACKAGES)?.display());
     println!("Dask: {}", setup::python_packages(DASK_PACKAGES)?.display());
-    println!("browser: {}", setup::chromium()?.display());
+    println!("browser: {}", chromium(length)?.display());
     if let Err(why) = setup::other_browsers() {
         println!("tests in browsers that are not installed will be skipped: {why:#}");
     }
@@ -341,7 +349,7 @@ fn demo(_: Length) -> Result<Tally> {
 
 /// The page in a real browser against the real server: `npm test` in tests/browser, with the programs to use in its environment.
 fn browser(length: Length) -> Result<Tally> {
-    let chromium = setup::chromium()?;
+    let chromium = chromium(length)?;
     let folder = setup::npm_packages("tests/browser")?;
     let kilwa = tested_kilwa()?;
     let mut npm = command("npm", &["test", "--silent"])?;

@@ -36,6 +36,6 @@ fn in_browser(properties: &mut Properties) -> Result<bool> {
     run_command(&mut cargo(&["build", "--locked", "--package", "kilwa"])?)?;
     let folder = setup::npm_packages("tests/browser")?;
     let mut node = command("node", &["--test", "--test-concurrency=1", "measure.test.mjs", "sheet.test.mjs"])?;
-    node.current_dir(folder).env("CHROMIUM", setup::chromium()?);
+    node.current_dir(folder).env("CHROMIUM", setup::headless_chromium()?);
     Ok(watch(&mut node, SUITE_LIMIT, |line| properties.read(line))? == Ended::Well)
 }
