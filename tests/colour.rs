@@ -2,14 +2,18 @@
 
 use crate::interrupted::leaves_nothing_partial;
 use crate::scans::box_scan;
-use crate::support::{Ply, fails, json, kilwa, succeeds, text};
+use crate::support::{Ply, fails, json, kilwa, made_once, succeeds, text};
 use std::path::{Path, PathBuf};
 
-/// Simulated photographs of the fort.
-fn photographs(folder: &Path, size: &str) -> PathBuf {
-    let out = folder.join("session");
-    succeeds(&["synth", "photos", "--photos", "8", "--panoramas", "1", "--size", size, "-o", text(&out)]);
-    out.join("photos")
+/// Simulate photographs of the fort.
+fn photograph(size: &str, out: &Path) {
+    succeeds(&["synth", "photos", "--photos", "8", "--panoramas", "1", "--size", size, "-o", text(out)]);
+}
+
+/// Simulated photographs of the fort, which several tests read.
+fn photographs(size: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("colour").join(size);
+    made_once(&path, |out| photograph(size, out)).join("photos")
 }
 
 /// The fort as a pack, and as a mesh without colours.
@@ -43,7 +47,7 @@ fn seen(ply: &Ply) -> ([f64; 3], usize) {
 fn a_mesh_and_a_pack_get_the_same_colours_from_photographs() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let photos = photographs(folder.path(), "160x120");
+    let photos = photographs("160x120");
     let [pack, plain] = fort(folder.path(), "40k");
     let mesh = at("mesh.ply");
     let written = at("report.json");
@@ -105,7 +109,7 @@ fn a_mesh_and_a_pack_get_the_same_colours_from_photographs() {
 fn triangles_are_split_for_the_detail_of_photographs_in_meshes_and_packs() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let photos = photographs(folder.path(), "160x120");
+    let photos = photographs("160x120");
     let [pack, plain] = fort(folder.path(), "10k");
     let (mesh, fine) = (at("mesh.ply"), at("fine.kilwa"));
     let options = ["--photos", text(&photos), "--texture-detail", "2", "-o"];
@@ -156,7 +160,8 @@ fn triangles_are_split_for_the_detail_of_photographs_in_meshes_and_packs() {
 fn errors_state_what_to_do_if_a_model_cannot_be_coloured() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let photos = photographs(folder.path(), "48x36");
+    photograph("48x36", &at("session"));
+    let photos = at("session/photos");
     let [pack, plain] = fort(folder.path(), "6k");
     let out = at("out.ply");
     let refused = |args: &[&str], expected: &str| {
@@ -197,7 +202,7 @@ fn errors_state_what_to_do_if_a_model_cannot_be_coloured() {
 #[test]
 fn a_signal_during_colouring_leaves_no_files() {
     let folder = tempfile::tempdir().unwrap();
-    let photos = photographs(folder.path(), "48x36");
+    let photos = photographs("48x36");
     let [pack, _] = fort(folder.path(), "40k");
     let out = folder.path().join("out");
     std::fs::create_dir(&out).unwrap();
@@ -274,7 +279,7 @@ fn photographs_of_a_reconstruction_are_placed_by_control_points_or_camera_positi
 fn a_common_shift_of_poses_is_corrected_with_the_points_of_the_reconstruction() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let [photos, ..] = [photographs(folder.path(), "160x120")];
+    let photos = photographs("160x120");
     let (mesh, pack, out) = (at("fort.ply"), at("shifted.kilwa"), at("out.ply"));
     succeeds(&["synth", "fort", "--triangles", "150k", "-o", text(&mesh)]);
     let shift = "1 0 0 0.3 0 1 0 -0.2 0 0 1 0.25 0 0 0 1";

@@ -118,7 +118,12 @@ fn a_kill_before_any_rename_leaves_a_valid_archive_and_a_rerun_finishes() {
         let soak = std::env::var_os("KILWA_SOAK").is_some();
         let first_call = if soak || *command == withdraw { 1 } else { calls(command, call, &bench.path("log")) - 2 };
         // Only some of the many calls; each seed chooses others.
-        let every = if soak || !["unlink", "mkdir"].contains(&call) { 1 } else { 3 };
+        let every = match call {
+            _ if soak || *command == publish => 1,
+            "unlink" => 5,
+            "mkdir" => 3,
+            _ => 2,
+        };
         for nth in (first_call + seed % every..).step_by(every as usize) {
             copy(&first, &site);
             drop(std::fs::remove_dir_all(&kept));

@@ -1,7 +1,7 @@
 //! `kilwa publish --colour-report` and `--photos`: the colour report and the photographs that they come from become part of a version.
 
 use super::{Bench, FULL, MINIMAL, json_of, pack, run, tree};
-use crate::support::{json, succeeds, text};
+use crate::support::{json, made_once, succeeds, text};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -20,28 +20,24 @@ pub(crate) struct Coloured {
 /// Coloured by the first test that asks, and again when the program has changed.
 pub(crate) fn coloured() -> Coloured {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("photographs");
-    std::fs::create_dir_all(&folder).unwrap();
-    let lock = std::fs::File::create(folder.join("lock")).unwrap();
-    lock.lock().unwrap();
+    made_once(&folder, colour);
     let at = |name: &str| folder.join(name);
-    let made = Coloured { pack: at("coloured.kilwa"), report: at("report.json"), photos: at("session/photos") };
-    let changed = |of: &Path| std::fs::metadata(of).and_then(|m| m.modified());
-    let programs = [PathBuf::from(env!("CARGO_BIN_EXE_kilwa")), std::env::current_exe().unwrap()];
-    if changed(&at("done")).is_ok_and(|done| programs.iter().all(|program| changed(program).unwrap() < done)) {
-        return made;
-    }
-    let session = at("session");
-    drop(std::fs::remove_dir_all(&session));
+    Coloured { pack: at("coloured.kilwa"), report: at("report.json"), photos: at("session/photos") }
+}
+
+fn colour(folder: &Path) {
+    std::fs::create_dir_all(folder).unwrap();
+    let at = |name: &str| folder.join(name);
+    let (session, photos) = (at("session"), at("session/photos"));
     succeeds(&["synth", "photos", "--photos", "3", "--panoramas", "1", "--size", "320x240", "-o", text(&session)]);
     let mask = image::GrayImage::from_fn(320, 240, |x, _| image::Luma([if x < 300 { 255 } else { 0 }]));
-    mask.save(made.photos.join("images/IMG_0001.mask.png")).unwrap();
+    mask.save(photos.join("images/IMG_0001.mask.png")).unwrap();
     let [mesh, plain] = ["fort.ply", "fort.kilwa"].map(at);
-    succeeds(&["synth", "fort", "--triangles", "6k", "-o", text(&mesh), "--force"]);
-    succeeds(&["build", text(&mesh), "-o", text(&plain), "--force"]);
-    let options = ["--photos", text(&made.photos), "--report", text(&made.report), "-o", text(&made.pack)];
-    succeeds(&[&["colour", text(&plain), "--force"], options.as_slice()].concat());
-    std::fs::write(at("done"), "").unwrap();
-    made
+    succeeds(&["synth", "fort", "--triangles", "6k", "-o", text(&mesh)]);
+    succeeds(&["build", text(&mesh), "-o", text(&plain)]);
+    let (report, pack) = (at("report.json"), at("coloured.kilwa"));
+    let options = ["--photos", text(&photos), "--report", text(&report), "-o", text(&pack)];
+    succeeds(&[&["colour", text(&plain)], options.as_slice()].concat());
 }
 
 impl Coloured {

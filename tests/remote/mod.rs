@@ -12,7 +12,7 @@ mod proxy;
 mod stored;
 mod whole;
 
-use crate::support::{Input, built_once, serving, succeeds, text};
+use crate::support::{Input, built_once, made_once, serving, succeeds, text};
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::{Manifest, Metadata};
 use kilwa_server::access::{Accounts, Grant, Purpose};
@@ -42,15 +42,10 @@ pub(crate) fn pack() -> PathBuf {
 pub(crate) fn local() -> PathBuf {
     let pack = pack();
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("remote");
-    let lock = std::fs::File::create(folder.join("local.lock")).unwrap();
-    lock.lock().unwrap();
-    let (site, done) = (folder.join("site"), folder.join("site.done"));
-    let changed = |of: &Path| std::fs::metadata(of).and_then(|m| m.modified());
-    let programs = [PathBuf::from(env!("CARGO_BIN_EXE_kilwa")), std::env::current_exe().unwrap()];
-    if changed(&done).is_ok_and(|at| programs.iter().all(|p| changed(p).unwrap() < at)) {
-        return site;
-    }
-    drop(std::fs::remove_dir_all(&site));
+    made_once(&folder.join("site"), |site| publish_both(&pack, &folder, site))
+}
+
+fn publish_both(pack: &Path, folder: &Path, site: &Path) {
     let (www, file, notes) = (folder.join("www"), folder.join("fort.toml"), folder.join("notes.json"));
     serving::page(&www);
     std::fs::write(&notes, NOTES).unwrap();
@@ -59,11 +54,9 @@ pub(crate) fn local() -> PathBuf {
         ("2026-11-20", &["--version-note", "Better text", "--no-notes"][..], METADATA.replace("First.", "Better.")),
     ] {
         std::fs::write(&file, metadata).unwrap();
-        let args = ["publish", text(&pack), "--to", text(&site), "--metadata", text(&file), "--www", text(&www)];
+        let args = ["publish", text(pack), "--to", text(site), "--metadata", text(&file), "--www", text(&www)];
         succeeds(&[&args[..], &["--software", "--date", day], more].concat());
     }
-    std::fs::write(done, "").unwrap();
-    site
 }
 
 /// The announcement of version `number` of the object published in `site`.

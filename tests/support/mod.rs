@@ -28,22 +28,34 @@ pub(crate) fn fails(args: &[&str]) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// A pack that several tests use: built by the first that asks, also where each test is a process of its own (as under
-/// nextest), and again when the program or the tests have changed.
+/// A pack that several tests use ([`made_once`]), of a mesh that `write` makes.
 pub(crate) fn built_once(folder: &Path, name: &str, write: impl FnOnce(&Path), options: &[&str]) -> PathBuf {
-    std::fs::create_dir_all(folder).unwrap();
-    let path = |end: &str| folder.join(format!("{name}.{end}"));
-    let (input, pack) = (path("ply"), path("kilwa"));
-    let lock = std::fs::File::create(path("lock")).unwrap();
+    made_once(&folder.join(format!("{name}.kilwa")), |pack| {
+        let input = folder.join(format!("{name}.ply"));
+        write(&input);
+        succeeds(&[&["build", text(&input), "-o", text(pack), "--force"], options].concat());
+    })
+}
+
+/// A file or folder that stays: made by the first test that needs it, and again when the program or the tests have changed. Others wait meanwhile, also
+/// where each test is a process of its own (as under nextest).
+pub(crate) fn made_once(path: &Path, make: impl FnOnce(&Path)) -> PathBuf {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    let lock = std::fs::File::create(path.with_extension("lock")).unwrap();
     lock.lock().unwrap();
+    // Written last, so that what was made in part is made again.
+    let stamp = path.with_extension("made");
     let changed = |of: &Path| std::fs::metadata(of).and_then(|m| m.modified());
     let programs = [PathBuf::from(env!("CARGO_BIN_EXE_kilwa")), std::env::current_exe().unwrap()];
-    let is_current = changed(&pack).is_ok_and(|at| programs.iter().all(|program| changed(program).unwrap() < at));
-    if !is_current {
-        write(&input);
-        succeeds(&[&["build", text(&input), "-o", text(&pack), "--force"], options].concat());
+    let is_current = changed(&stamp).is_ok_and(|at| programs.iter().all(|program| changed(program).unwrap() < at));
+    if !path.exists() || !is_current {
+        if path.is_dir() {
+            std::fs::remove_dir_all(path).unwrap();
+        }
+        make(path);
+        std::fs::write(stamp, "").unwrap();
     }
-    pack
+    path.to_owned()
 }
 
 /// A pack of 327,680 triangles.
