@@ -4,7 +4,7 @@ use super::ambiguous::ambiguous;
 use super::doubt::{Finding, MAX_GROUP_CONTRADICTED, MAX_KNOWN_CONTRADICTED};
 use super::group::{CandidatePose, Group, Two};
 use super::known::Known;
-use super::pairs::{drop_inconsistent, pairs};
+use super::pairs::{Pairs, drop_inconsistent, pairs};
 use super::view::View;
 use crate::ScanError;
 use crate::import::Progress;
@@ -57,10 +57,10 @@ pub(super) fn assemble(
         let mut groups = joined(views, singles.clone(), &pairs.found, edge, known);
         let mut compared = Compared::new();
         loop {
-            let best = best_of_groups(&work, &groups, &pairs.refused, &mut compared)?;
+            let best = best_of_groups(&work, &groups, &pairs, &mut compared)?;
             let Some((a, b, place)) = best else { break };
             let second = groups.remove(b);
-            groups[a] = groups[a].joined(&second, place, views);
+            groups[a] = groups[a].joined(&second, place, views, edge);
         }
         let lost = ambiguous(views, &groups, &pairs, edge, known, progress)?;
         if lost.is_empty() {
@@ -88,7 +88,7 @@ fn joined(
         let mut group = Group::single(*first, &views[*first]);
         for (number, pose) in rest {
             let other = Group::single(*number, &views[*number]);
-            group = group.joined(&other, pose.then(first_pose.inverse()), views);
+            group = group.joined(&other, pose.then(first_pose.inverse()), views, edge);
             groups[*number] = None;
             group_of[*number] = *first;
         }
@@ -113,7 +113,7 @@ fn joined(
         if is_refused && !is_controlled(&(*a, *b)) {
             continue;
         }
-        let group = first.joined(second, pose, views);
+        let group = first.joined(second, pose, views, edge);
         groups[ga] = Some(group);
         groups[gb] = None;
         group_of.iter_mut().filter(|own| **own == gb).for_each(|own| *own = ga);
@@ -128,12 +128,12 @@ type Compared = BTreeMap<[Vec<usize>; 2], Finding>;
 fn best_of_groups(
     work: &Work<'_>,
     groups: &[Group],
-    refused: &BTreeSet<usize>,
+    pairs: &Pairs,
     compared: &mut Compared,
 ) -> Result<Option<(usize, usize, Pose)>, ScanError> {
     let names = |group: &Group| -> Vec<usize> { group.members.iter().map(|(number, _)| *number).collect() };
     let names: Vec<Vec<usize>> = groups.iter().map(names).collect();
-    let is_used = |k: usize| !names[k].iter().any(|number| refused.contains(number));
+    let is_used = |k: usize| !names[k].iter().any(|number| pairs.refused.contains(number));
     let usable =
         || (0..groups.len()).flat_map(|b| (0..b).map(move |a| (a, b))).filter(|(a, b)| is_used(*a) && is_used(*b));
     let key = |a: usize, b: usize| [names[a].clone(), names[b].clone()];
@@ -154,9 +154,10 @@ fn best_of_groups(
         let firsts: Vec<usize> = open.iter().filter(|(_, second)| second == b).map(|(a, _)| *a).collect();
         let of_pair = |a: &usize| {
             let two = Two { views: work.views, first: &groups[*a], second: &groups[*b], edge: work.edge };
-            let start = work.known.start(&groups[*a], &groups[*b]);
+            let mut starts = two.starts_from_pairs(&pairs.found);
+            starts.extend(work.known.start(&groups[*a], &groups[*b]));
             let allows = |pose: Pose| work.known.allows(&groups[*a], &groups[*b], pose);
-            let candidates = two.candidates(&correlator, &maps[a], &turned, start.as_slice(), allows);
+            let candidates = two.candidates(&correlator, &maps[a], &turned, &starts, allows);
             (key(*a, *b), Finding::among(candidates, work.edge, MAX_GROUP_CONTRADICTED, |place| allows(place.pose)))
         };
         compared.extend(firsts.par_iter().map(of_pair).collect::<Vec<_>>());

@@ -11,7 +11,7 @@ pub(super) const MIN_AGREE: u32 = 80;
 pub(super) const MIN_AGREEMENT: f64 = 0.45;
 pub(super) const MAX_CONTRADICTED: f64 = 0.06;
 /// The same between groups, which have more surface in common and more objects that were moved between scans.
-pub(super) const MAX_GROUP_CONTRADICTED: f64 = 0.08;
+pub(super) const MAX_GROUP_CONTRADICTED: f64 = 0.1;
 /// The same where both poses are known well, because these support the candidate as well.
 pub(super) const MAX_KNOWN_CONTRADICTED: f64 = 0.15;
 /// Minimum number of planes that constrain the weakest direction, and the minimum ratio of that number to the contribution of noisy normals.

@@ -1,5 +1,7 @@
 //! Groups of stations with known relative poses, and the candidate poses of one group relative to another. Initially, every station is a group of its own.
 
+use super::doubt::Finding;
+use super::seen_through::SeenThrough;
 use super::view::{Verdict, View};
 use glam::DQuat;
 use kilwa_scan_core::Pose;
@@ -7,6 +9,8 @@ use kilwa_scan_core::register::correlate::{Correlator, Place, Plan, Spectrum};
 use kilwa_scan_core::register::fit::{Fit, Posed, fit, moved};
 use kilwa_scan_core::register::surfels::{Surfel, Surfels};
 use nalgebra::{Matrix6, Vector6};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 /// Candidates from correlation for single stations and for groups, the number of those that are fitted, and the number that are refined.
 const PLACES: usize = 160;
@@ -19,6 +23,8 @@ const NEIGHBOURS: (f64, f64, usize) = (8.0, 0.3, 3);
 const SLIDES: [f64; 4] = [-10.0, -4.0, 4.0, 10.0];
 /// Heights that are tried for each candidate.
 const HEIGHTS: usize = 2;
+/// Maximum distance of planes that agree in a rough check of a candidate pose of a pair, in voxel edges.
+const ROUGH: f64 = 4.0;
 /// Planes of a station that are used for a rough check, and for a fine fit.
 const GLANCED: usize = 120;
 const FINE: usize = 3000;
@@ -31,29 +37,43 @@ pub(super) struct Group {
     /// Numbers of stations, and `group_from_station`, in the order of the numbers.
     pub(super) members: Vec<(usize, Pose)>,
     pub(super) plan: Plan,
+    seen_through: SeenThrough,
 }
 
 impl Group {
     /// One station, in its own coordinates.
     pub(super) fn single(number: usize, view: &View) -> Self {
-        Self { members: vec![(number, Pose::IDENTITY)], plan: view.plan.clone() }
+        Self { members: vec![(number, Pose::IDENTITY)], plan: view.plan.clone(), seen_through: SeenThrough::default() }
     }
 
     /// Both groups, in the frame of this one.
-    pub(super) fn joined(&self, other: &Self, pose: Pose, views: &[View]) -> Self {
+    pub(super) fn joined(&self, other: &Self, pose: Pose, views: &[View], edge: f64) -> Self {
         let moved = other.members.iter().map(|(number, own)| (*number, own.then(pose)));
         let mut members: Vec<(usize, Pose)> = self.members.iter().copied().chain(moved).collect();
         members.sort_unstable_by_key(|(number, _)| *number);
         let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
         let plan = Plan::joined(&parts);
-        Self { members, plan }
+        let moved: Vec<(usize, Pose)> = other.members.iter().map(|(number, own)| (*number, own.then(pose))).collect();
+        let seen_through = self.seen_through.joined(&other.seen_through, &self.members, &moved, views, edge);
+        Self { members, plan, seen_through }
     }
 
     /// The group without one member, in the same frame.
     pub(super) fn without(&self, number: usize, views: &[View]) -> Self {
         let members: Vec<(usize, Pose)> = self.members.iter().copied().filter(|(own, _)| *own != number).collect();
         let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
-        Self { plan: Plan::joined(&parts), members }
+        Self { plan: Plan::joined(&parts), members, seen_through: self.seen_through.without(number) }
+    }
+
+    /// The same members with other poses.
+    pub(super) fn with_poses(&self, poses: &[Pose]) -> Self {
+        let members = self.members.iter().zip(poses).map(|((number, _), pose)| (*number, *pose)).collect();
+        Self { members, ..self.clone() }
+    }
+
+    /// The planes of a member that are compared with other stations: its samples without those of objects that were moved.
+    fn compared<'v>(&'v self, number: usize, views: &'v [View]) -> Cow<'v, [Surfel]> {
+        self.seen_through.rest(number, &views[number].samples)
     }
 
     /// The pose of a member.
@@ -229,6 +249,17 @@ impl Two<'_> {
         out
     }
 
+    /// Initial poses from the candidate poses of pairs of stations, one from each group, best first. A pair that has too little surface in common to be accepted may still
+    /// have the correct pose among its candidates.
+    pub(super) fn starts_from_pairs(&self, pairs: &BTreeMap<(usize, usize), Finding>) -> Vec<Pose> {
+        let rated = relative_poses(self.first, self.second, pairs)
+            .into_iter()
+            .map(|start| (quality(self.verdict(start, ROUGH * self.edge, GLANCED)), start));
+        let mut starts: Vec<(f64, Pose)> = rated.filter(|(quality, _)| *quality > 0.0).collect();
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        self.spread(starts).into_iter().map(|(_, start)| start).collect()
+    }
+
     /// Whether free space is known for all stations.
     fn see_through(&self) -> bool {
         self.first.members.iter().chain(&self.second.members).all(|(number, _)| self.views[*number].image.is_some())
@@ -275,8 +306,23 @@ impl Two<'_> {
 
     /// How well both agree, using at most `most` planes of each station.
     pub(super) fn verdict(&self, pose: Pose, margin: f64, most: usize) -> Verdict {
-        verdict(self.views, &self.first.members, &self.second.members, pose, margin, most)
+        verdict(self.views, self.first, self.second, pose, margin, most)
     }
+}
+
+/// The poses of the second group in the frame of the first in which two of their members have one of the candidate poses of their pair (the first with the lower number).
+fn relative_poses(first: &Group, second: &Group, pairs: &BTreeMap<(usize, usize), Finding>) -> Vec<Pose> {
+    let mut out = Vec::new();
+    for (a, first_from_a) in &first.members {
+        for (b, second_from_b) in &second.members {
+            let Some(finding) = pairs.get(&(*a.min(b), *a.max(b))) else { continue };
+            for found in &finding.candidates {
+                let a_from_b = if a < b { found.pose } else { found.pose.inverse() };
+                out.push(second_from_b.inverse().then(a_from_b).then(*first_from_a));
+            }
+        }
+    }
+    out
 }
 
 /// Whether two poses are practically the same; `edge` is that of the smallest voxels.
@@ -285,23 +331,18 @@ pub(super) fn is_same(a: Pose, b: Pose, edge: f64) -> bool {
     distance < 2.0 * edge && angle < 0.035
 }
 
-/// Compares all stations of one group (numbers, and poses in the group) with all stations of another; `pose` is the pose of the second group in the
+/// Compares all stations of one group with all stations of another; `pose` is the pose of the second group in the
 /// frame of the first. Uses at most `most` planes of each station.
-pub(super) fn verdict(
-    views: &[View],
-    first: &[(usize, Pose)],
-    second: &[(usize, Pose)],
-    pose: Pose,
-    margin: f64,
-    most: usize,
-) -> Verdict {
+pub(super) fn verdict(views: &[View], first: &Group, second: &Group, pose: Pose, margin: f64, most: usize) -> Verdict {
     let mut out = Verdict::default();
-    for (b, b_pose) in second {
-        for (a, a_pose) in first {
+    let of_first: Vec<_> = first.members.iter().map(|(a, _)| first.compared(*a, views)).collect();
+    for (b, b_pose) in &second.members {
+        let of_second = second.compared(*b, views);
+        for ((a, a_pose), of_first) in first.members.iter().zip(&of_first) {
             let a_from_b = b_pose.then(pose).then(a_pose.inverse());
             let (a, b) = (&views[*a], &views[*b]);
-            out = out.join(Verdict::one_way(a, &b.samples, most, a_from_b, margin));
-            out = out.join(Verdict::one_way(b, &a.samples, most, a_from_b.inverse(), margin));
+            out = out.join(Verdict::one_way(a, &of_second, most, a_from_b, margin));
+            out = out.join(Verdict::one_way(b, of_first, most, a_from_b.inverse(), margin));
         }
     }
     out
@@ -313,4 +354,42 @@ fn quality(verdict: Verdict) -> f64 {
 
 fn upright(place: &Place, height: f64) -> Pose {
     Pose { rotation: DQuat::from_rotation_z(place.heading), translation: place.offset.extend(height) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::doubt::Doubt;
+    use super::*;
+
+    fn group(members: &[(usize, Pose)]) -> Group {
+        Group { members: members.to_vec(), plan: Plan::default(), seen_through: SeenThrough::default() }
+    }
+
+    fn pose(heading: f64, x: f64, y: f64) -> Pose {
+        Pose { rotation: DQuat::from_rotation_z(heading), translation: glam::DVec3::new(x, y, 0.5) }
+    }
+
+    fn candidate(pose: Pose) -> CandidatePose {
+        let weakest = Vector6::zeros();
+        CandidatePose { pose, verdict: Verdict::default(), firmness: 0.0, noise: 0.0, weakest, median: 0.0 }
+    }
+
+    #[test]
+    fn candidate_poses_of_pairs_give_the_pose_of_one_group_in_the_other() {
+        let survey = [pose(0.1, 1.0, 2.0), pose(2.0, 7.0, 3.0), pose(-1.0, 4.0, 9.0), pose(0.7, -3.0, 5.0)];
+        let frames = [pose(0.4, 3.0, 1.0), pose(-2.5, 8.0, -6.0)];
+        let member = |k: usize, frame: Pose| (k, survey[k].then(frame.inverse()));
+        // The lower number of a pair is once in the first group and once in the second.
+        let first = group(&[member(0, frames[0]), member(3, frames[0])]);
+        let second = group(&[member(1, frames[1]), member(2, frames[1])]);
+        let relative = |a: usize, b: usize| candidate(survey[b].then(survey[a].inverse()));
+        let found = |a, b| ((a, b), Finding { candidates: vec![relative(a, b)], doubt: Some(Doubt::Little) });
+        let pairs = BTreeMap::from([found(0, 1), found(2, 3), found(0, 3), found(1, 2)]);
+        let poses = relative_poses(&first, &second, &pairs);
+        assert_eq!(poses.len(), 2, "one for each pair with a member of each group");
+        for pose in poses {
+            let (angle, distance) = pose.difference(frames[1].then(frames[0].inverse()));
+            assert!(angle < 1e-7 && distance < 1e-9, "{angle} {distance}");
+        }
+    }
 }

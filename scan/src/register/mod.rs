@@ -18,6 +18,7 @@ mod place;
 mod report;
 mod residuals;
 mod result;
+mod seen_through;
 mod settle;
 mod view;
 

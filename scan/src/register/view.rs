@@ -163,6 +163,25 @@ impl View {
         let (shape, points) = shape(&mut reader, own_spacing, edge)?;
         Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, rays, image, shape, points })
     }
+
+    /// The indices of the planes of another station that rays of this one pass through.
+    pub(super) fn through(&self, source: &[Surfel], own_from_source: Pose, margin: f64) -> Vec<usize> {
+        let is_through = |surfel: &Surfel| {
+            let position = own_from_source.apply(surfel.position);
+            let facing = (own_from_source.rotation * surfel.normal).dot(self.rays.direction(position.as_vec3()));
+            facing.abs() >= MIN_LOOK && self.look(position, margin) == Some(Seen::Through)
+        };
+        source.iter().enumerate().filter(|(_, surfel)| is_through(surfel)).map(|(k, _)| k).collect()
+    }
+
+    /// What it saw along the ray through a position; `None` for a cloud without a known scanner.
+    fn look(&self, position: DVec3, margin: f64) -> Option<Seen> {
+        match (&self.image, &self.shape) {
+            (Some(image), _) => Some(image.look(position, margin + 0.01 * position.length())),
+            (None, Shape::Image(image)) => Some(image.look(position, margin)),
+            (None, Shape::Cloud(_)) => None,
+        }
+    }
 }
 
 /// The surface of a station whose points are `spacing` metres apart, and samples on it: one per cube of `edge` metres.
@@ -250,11 +269,7 @@ impl Verdict {
             if facing.abs() < MIN_LOOK {
                 continue;
             }
-            let seen = match (&target.image, &target.shape) {
-                (Some(image), _) => Some(image.look(position, margin + 0.01 * position.length())),
-                (None, Shape::Image(image)) => Some(image.look(position, margin)),
-                (None, Shape::Cloud(_)) => None,
-            };
+            let seen = target.look(position, margin);
             match seen {
                 Some(Seen::Through) => out.through += 1,
                 Some(Seen::At) | None => {

@@ -4,6 +4,7 @@ use super::surfels::{LEVELS, Surfel, Surfels};
 use crate::Pose;
 use glam::{DQuat, DVec3};
 use nalgebra::{Cholesky, Matrix6, Vector6};
+use std::f64::consts::SQRT_2;
 
 /// Fewest planes that define a pose.
 const LEAST: usize = 12;
@@ -30,7 +31,7 @@ impl Match {
     pub fn find(target: &Surfels, level: usize, source: &Surfel, target_from_source: Pose, reach: f64) -> Option<Self> {
         let position = target_from_source.apply(source.position);
         let normal = target_from_source.rotation * source.normal;
-        let same_size = (source.edge / target.edge(0)).log2().round().max(0.0) as usize;
+        let same_size = (0..LEVELS - 1).take_while(|k| source.edge > SQRT_2 * target.edge(*k)).count();
         let found = target.find(level.max(same_size).min(LEVELS - 1), position, normal, reach)?;
         let mean = (found.normal + normal).normalize_or_zero();
         let distance = (position - found.position).dot(mean);

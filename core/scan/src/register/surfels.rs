@@ -117,14 +117,15 @@ impl Collector {
 
     /// Add a point, and the unit vector from it to the scanner.
     pub fn add(&mut self, point: DVec3, towards: DVec3) {
-        self.voxels.entry((point / self.edge).floor().as_ivec3()).or_default().add(point, towards);
+        self.voxels.entry(voxel_of(point, self.edge)).or_default().add(point, towards);
     }
 
     /// The planes at every level.
     pub fn finish(self) -> Surfels {
         let mut levels = Vec::with_capacity(LEVELS);
         let (mut edge, mut voxels) = (self.edge, self.voxels);
-        for _ in 0..LEVELS {
+        let mut near = FxHashSet::default();
+        for number in 0..LEVELS {
             // Sorted, so that the order does not depend on the hash table.
             let mut sorted: Vec<(IVec3, Sums)> = voxels.into_iter().collect();
             sorted.sort_unstable_by_key(|(voxel, _)| voxel.to_array());
@@ -137,13 +138,31 @@ impl Collector {
                     level.voxels.push(*voxel);
                 }
                 parents.entry(voxel.map(|v| v.div_euclid(2))).or_default().join(sums);
+                if number + 1 == LEVELS {
+                    near.extend(around(*voxel));
+                }
             }
             levels.push(level);
             voxels = parents;
             edge *= 2.0;
         }
-        Surfels { levels }
+        Surfels { levels, near }
     }
+}
+
+/// The voxel of a position. Faster than the software implementation of `floor`, with the same results.
+fn voxel_of(position: DVec3, edge: f64) -> IVec3 {
+    let floor = |v: f64| {
+        let whole = v as i32;
+        whole.saturating_sub(i32::from(v < f64::from(whole)))
+    };
+    let place = position / edge;
+    IVec3::new(floor(place.x), floor(place.y), floor(place.z))
+}
+
+/// A voxel and its 26 neighbours.
+fn around(voxel: IVec3) -> impl Iterator<Item = IVec3> {
+    (0..27).map(move |k| voxel.saturating_add(IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1)))
 }
 
 #[derive(Debug, Clone)]
@@ -158,6 +177,8 @@ struct Level {
 #[derive(Debug, Clone)]
 pub struct Surfels {
     levels: Vec<Level>,
+    /// The voxels at the coarsest level that contain points, and their neighbours: elsewhere, there is no plane at any level.
+    near: FxHashSet<IVec3>,
 }
 
 impl Surfels {
@@ -191,11 +212,15 @@ impl Surfels {
     pub fn find(&self, level: usize, position: DVec3, normal: DVec3, reach: f64) -> Option<&Surfel> {
         /// Cosine of the maximum angle between normals.
         const SIMILAR: f64 = 0.8;
+        // Planes are looked for up to half an edge away, so at most one voxel away at the coarsest level. Most positions are not near any.
+        if !self.near.contains(&voxel_of(position, self.levels[LEVELS - 1].edge)) {
+            return None;
+        }
         let mut best: Option<(f64, &Surfel)> = None;
         for level in &self.levels[level..] {
             let mut last = IVec3::MAX;
             for step in [0.0, -0.5, 0.5] {
-                let voxel = ((position + normal * (step * level.edge)) / level.edge).floor().as_ivec3();
+                let voxel = voxel_of(position + normal * (step * level.edge), level.edge);
                 if voxel == last {
                     continue;
                 }
