@@ -237,6 +237,51 @@ surveyWrong = في survey.toml أخطاء
 surveyWrongNext = صححها ثم أعد تحميل هذه الصفحة.
 surveyLost = لا يوجد شيء في هذا العنوان
 surveyLostNext = لا توجد في المسح محطة بهذا الاسم. ربما أعيدت تسميتها أو أزيلت.
+controlTitle = نقاط الضبط
+controlMark = تعليم نقاط ضبط
+controlWhat = إذا كان السطح المشترك بين محطتين قليلًا، أو كانتا تتطابقان بأكثر من وضعية، فعلّم ثلاثة مواضع على الأقل تراها كلتاهما. عندئذ يمكن تسجيلهما من هذه النقاط.
+controlA = المحطة الأولى
+controlB = المحطة الثانية
+controlNone = اختر محطة
+controlChoose = عرض هاتين المحطتين
+controlSame = اختر محطتين مختلفتين.
+controlKinds = صور المحطتين
+controlScripts = لا يمكن تعليم النقاط إلا بالنصوص البرمجية، وهذا المتصفح لا يشغّلها.
+controlHelp = انقر على الموضع نفسه في الصورتين، مثل زاوية نافذة أو حجر. كبّر أولًا: كلما زاد التكبير زادت الدقة. اختر مواضع متباعدة وعلى ارتفاعات مختلفة.
+controlKeys = بلوحة المفاتيح: انتقل إلى صورة بالمفتاح Tab، وكبّر وصغّر بالمفتاحين + و −، وحرّك الصورة بمفاتيح الأسهم، والعلامة المتقاطعة بالمفتاح Shift مع مفاتيح الأسهم؛ والمفتاح Enter يعلّم الموضع تحتها. Escape يلغي زوجًا عُلِّم في صورة واحدة فقط، وCtrl+Z يتراجع عن آخر خطوة.
+controlFirst = علّم موضعًا في إحدى الصورتين، ثم الموضع نفسه في الأخرى.
+controlOther = علّم الموضع نفسه في { $name }.
+controlNeed = { $count ->
+        [zero] لا يلزم أي زوج آخر.
+        [one] يلزم زوج واحد آخر.
+        [two] يلزم زوجان آخران.
+        [few] يلزم { $count } أزواج أخرى.
+        [many] يلزم { $count } زوجًا آخر.
+       *[other] يلزم { $count } زوج آخر.
+    }
+controlLine = النقاط على خط واحد: أضف نقطة بجانبه.
+controlPair = الزوج { $number }
+controlCheck = { $point }: الفرق { $length }. تحقق منه.
+controlFits = الأزواج متوافقة؛ أكبر باقٍ هو { $length }. كل زوج إضافي يزيد الوضعية يقينًا.
+controlReading = تجري قراءة النقطة…
+controlEmpty = لا توجد نقطة مقاسة في هذا الموضع: لم يقس الجهاز شيئًا هناك، أو يخفيها قناع. علّم موضعًا آخر.
+controlUnreachable = الخادم لا يستجيب. تحقق من الاتصال ثم أعد تحميل هذه الصفحة.
+controlFailed = أفاد الخادم: { $reason }
+controlMany = لا يمكن تعليم أكثر من { $count } زوجًا.
+controlUndo = تراجع
+controlPairs = الأزواج
+controlName = الاسم
+controlIn = في { $name } (م)
+controlRemove = إزالة
+controlRemoveName = إزالة { $name }
+controlKnown = في survey.toml
+controlEntries = مدخلات لملف survey.toml
+controlNext = أضف هذا النص إلى نهاية survey.toml، ثم شغّل kilwa register على مجلد المسح.
+controlNextAgain = أضف هذا النص إلى نهاية survey.toml، ثم شغّل kilwa register مع --again على مجلد المسح: وإلا احتفظت المحطتان بوضعيتيهما.
+controlCopy = نسخ
+controlCopied = تم النسخ.
+controlCopyByHand = النص محدد: انسخه بالمفتاحين Ctrl+C.
+controlDownload = تنزيل
 north = ش
 zoom = التكبير
 zoomIn = تكبير

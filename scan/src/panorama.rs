@@ -1,6 +1,10 @@
 //! A station as a picture: range, intensity or colour of every cell of its grid, as the scanner saw it; clouds without a grid as an equirectangular
 //! view from the station; or which samples its masks mask.
 
+mod pick;
+
+pub use pick::{Picked, WIDTH_MAX, pick};
+
 use crate::ScanError;
 use crate::mask::MaskReader;
 use crate::spool::Reader;
@@ -152,20 +156,29 @@ pub fn render_part(
     if !is_inside || width == 0 || height == 0 || frame.size != full_size(reader) {
         return Err(ScanError::Request("the picture of the station has no such part".to_owned()));
     }
-    let cells = if reader.header().is_grid {
-        let from_end = |start: u32, length: u32, size: u32, is_turned: bool| {
-            if is_turned { size - start - length } else { start }
-        };
-        let column = from_end(left, width, frame.size[0], frame.is_mirrored);
-        let row = from_end(top, height, frame.size[1], frame.is_upside_down);
-        let mut cells = from_grid(reader, masks, [column, row], [width, height], 1)?;
-        turn(&mut cells, width, frame.is_upside_down, frame.is_mirrored);
-        cells
-    } else {
-        from_cloud(reader, masks, frame.size, part)?
-    };
+    let cells = cells_of(reader, masks, frame, part)?;
     let pixels = cells.iter().flat_map(|cell| pixel(cell, show, frame.scale)).collect();
     Ok(Picture { width, height, pixels, frame: *frame })
+}
+
+/// The cells of a part of the picture, in its rows from the top. The part must lie inside the picture.
+fn cells_of(
+    reader: &mut Reader,
+    masks: &mut [MaskReader],
+    frame: &Frame,
+    part: Window,
+) -> Result<Vec<Cell>, ScanError> {
+    if !reader.header().is_grid {
+        return from_cloud(reader, masks, frame.size, part);
+    }
+    let from_end = |start: u32, length: u32, size: u32, is_turned: bool| {
+        if is_turned { size - start - length } else { start }
+    };
+    let column = from_end(part.left, part.width, frame.size[0], frame.is_mirrored);
+    let row = from_end(part.top, part.height, frame.size[1], frame.is_upside_down);
+    let mut cells = from_grid(reader, masks, [column, row], [part.width, part.height], 1)?;
+    turn(&mut cells, part.width, frame.is_upside_down, frame.is_mirrored);
+    Ok(cells)
 }
 
 fn check(reader: &Reader, show: Show, masks: &[MaskReader]) -> Result<(), ScanError> {

@@ -17,12 +17,14 @@ class Zoom {
     this.by = 1;
     /** @type {Map<string, HTMLImageElement>} */
     this.parts = new Map();
-    this.tools = frame.parentElement?.querySelector(".zoom-tools");
+    this.tools = frame.closest("figure")?.querySelector(".zoom-tools");
     const { width, height, part, parts, closest } = frame.dataset;
     this.full = [Number(width), Number(height)];
     this.part = Number(part);
     this.address = parts;
     this.closest = Number(closest);
+    /** Where the wheel was turned, and which share of the content was there, until the pointer moves. @type {{ at: [number, number], share: number[] } | null} */
+    this.anchor = null;
     /** The request for the next frame, in which parts are shown; 0 where there is none. */
     this.planned = 0;
     this.state = new URL(content.querySelector("img")?.src ?? location.href).search;
@@ -41,7 +43,9 @@ class Zoom {
   /** Width of the content where all of it is shown. */
   get #whole() {
     const [w, h] = this.#form();
-    return Math.min(this.frame.clientWidth, (0.72 * innerHeight * w) / h);
+    // The frame grows with its content up to this height.
+    const tallest = Number.parseFloat(getComputedStyle(this.frame).maxHeight) || innerHeight;
+    return Math.min(this.frame.clientWidth, (tallest * w) / h);
   }
 
   /** Width and height of the content, in whatever unit. */
@@ -69,11 +73,20 @@ class Zoom {
 
   /** Enlarge `times`, so that what is at a place of the window stays there; without one, what is in the middle. */
   zoom(/** @type {number} */ times, /** @type {number | undefined} */ x = undefined, /** @type {number | undefined} */ y = undefined) {
-    const by = Math.min(this.#most, Math.max(1, this.by * times));
     const frame = this.frame.getBoundingClientRect();
     const [atX, atY] = [x ?? frame.left + frame.width / 2, y ?? frame.top + frame.height / 2];
-    const before = this.content.getBoundingClientRect();
-    const share = [(atX - before.left) / before.width, (atY - before.top) / before.height];
+    this.#around(times, [atX, atY], this.#share(atX, atY));
+  }
+
+  /** Which share of the content's width and height is at a place of the window. */
+  #share(/** @type {number} */ x, /** @type {number} */ y) {
+    const shown = this.content.getBoundingClientRect();
+    return [(x - shown.left) / shown.width, (y - shown.top) / shown.height];
+  }
+
+  /** Enlarge, so that this share of the content is at a place of the window, as far as the content can be moved. */
+  #around(/** @type {number} */ times, /** @type {[number, number]} */ [atX, atY], /** @type {number[]} */ share) {
+    const by = Math.min(this.#most, Math.max(1, this.by * times));
     this.by = by < 1.001 ? 1 : by;
     this.#fit();
     const after = this.content.getBoundingClientRect();
@@ -82,6 +95,7 @@ class Zoom {
   }
 
   #do(/** @type {string | undefined} */ what) {
+    this.anchor = null;
     this.zoom(what === "in" ? STEP : what === "out" ? 1 / STEP : 0);
   }
 
@@ -90,7 +104,12 @@ class Zoom {
     if (event.deltaY > 0 && this.by === 1) return;
     event.preventDefault();
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-    this.zoom(Math.exp(-event.deltaY * lines * (event.ctrlKey ? 0.01 : 0.002)), event.clientX, event.clientY);
+    const { clientX: x, clientY: y } = event;
+    // While the frame grows, what is at the pointer cannot stay there, but it comes back with the next turns.
+    const isSame = this.anchor && Math.abs(this.anchor.at[0] - x) + Math.abs(this.anchor.at[1] - y) < 2;
+    const anchor = isSame && this.anchor ? this.anchor : { at: /** @type {[number, number]} */ ([x, y]), share: this.#share(x, y) };
+    this.anchor = anchor;
+    this.#around(Math.exp(-event.deltaY * lines * (event.ctrlKey ? 0.01 : 0.002)), anchor.at, anchor.share);
   }
 
   #key(/** @type {KeyboardEvent} */ event) {
@@ -109,9 +128,10 @@ class Zoom {
     let far = 0;
     frame.addEventListener("dragstart", (event) => event.preventDefault());
     frame.addEventListener("pointerdown", (event) => {
+      far = 0;
+      this.anchor = null;
       if (event.pointerType !== "mouse" || event.button !== 0) return;
       last = [event.clientX, event.clientY];
-      far = 0;
     });
     frame.addEventListener("pointermove", (event) => {
       if (!last) return;

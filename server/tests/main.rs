@@ -2,6 +2,7 @@
 
 mod auth;
 mod common;
+mod control;
 #[path = "common/eventually.rs"]
 mod eventually;
 mod extracts;

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// A room of 6 × 6 × 3 m as a PTX scan from its middle, which is `at`; with colours or without.
-fn room(columns: u32, rows: u32, at: [f64; 2], has_color: bool) -> String {
+pub(crate) fn room(columns: u32, rows: u32, at: [f64; 2], has_color: bool) -> String {
     let [x, y] = at;
     let pose = format!("1 0 0 0\n0 1 0 0\n0 0 1 0\n{x} {y} 0 1\n");
     let mut text = format!("{columns}\n{rows}\n{x} {y} 0\n1 0 0\n0 1 0\n0 0 1\n{pose}");
@@ -40,7 +40,7 @@ fn room(columns: u32, rows: u32, at: [f64; 2], has_color: bool) -> String {
 }
 
 /// Two stations, `west` without colours, `east` with; a folder around them.
-fn survey() -> (tempfile::TempDir, PathBuf) {
+pub(crate) fn survey() -> (tempfile::TempDir, PathBuf) {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("survey");
     add(&folder, "west", &room(60, 40, [0.0, 0.0], false));
@@ -48,19 +48,19 @@ fn survey() -> (tempfile::TempDir, PathBuf) {
     (dir, folder)
 }
 
-fn add(folder: &Path, name: &str, ptx: &str) {
+pub(crate) fn add(folder: &Path, name: &str, ptx: &str) {
     let file = folder.with_file_name(format!("{name}.ptx"));
     std::fs::write(&file, ptx).unwrap();
     import(folder, &[file], &Options::default(), &Silent).unwrap();
 }
 
-fn masked(folder: &Path, name: &str, limits: [f32; 2], stations: &[&str]) {
+pub(crate) fn masked(folder: &Path, name: &str, limits: [f32; 2], stations: &[&str]) {
     let stations = stations.iter().map(|s| (*s).to_owned()).collect();
     let request = Request { name: name.to_owned(), recipe: Recipe::Intensity(limits), stations };
     make(folder, &request, &Silent).unwrap();
 }
 
-fn serve(folder: &Path) -> (Router, Arc<Surveyed>) {
+pub(crate) fn serve(folder: &Path) -> (Router, Arc<Surveyed>) {
     let mut site = Site::new(Catalogue::open(folder).unwrap(), page());
     let surveyed = Arc::new(Surveyed::open(folder).unwrap());
     site.survey = Some(Arc::clone(&surveyed));
@@ -68,7 +68,7 @@ fn serve(folder: &Path) -> (Router, Arc<Surveyed>) {
 }
 
 /// Change `survey.toml`.
-fn edit(folder: &Path, change: impl FnOnce(String) -> String) {
+pub(crate) fn edit(folder: &Path, change: impl FnOnce(String) -> String) {
     let file = folder.join("survey.toml");
     let text = change(std::fs::read_to_string(&file).unwrap());
     std::fs::write(&file, text).unwrap();
@@ -146,7 +146,7 @@ async fn stations_without_a_pose_are_listed_apart() {
 }
 
 /// The result of registering [`survey`] with an additional station `lost`; `west` is the anchor.
-fn registered(folder: &Path) -> Registration {
+pub(crate) fn registered(folder: &Path) -> Registration {
     let survey = Survey::open(folder).unwrap();
     let placed = |name: &str, placement: Placement, variance: f64| {
         let pose = survey.station(name).unwrap().pose.unwrap();
@@ -566,7 +566,7 @@ async fn the_pages_of_a_survey_name_the_institution() {
     site.survey = Some(Arc::new(Surveyed::open(&folder).unwrap()));
     site.institution = Some(Arc::new(SiteFile::beside(site.catalogue.shelf().unwrap())));
     let app = app(site);
-    for address in ["/", "/stations/west/", "/stations/none/", "/nothing"] {
+    for address in ["/", "/stations/west/", "/control/?a=west&b=east", "/stations/none/", "/nothing"] {
         let html = get(&app, address).await.text();
         assert!(html.contains("<img src=\"/logo.svg\"") && html.contains("Museum</span>"), "{address}: {html}");
         assert!(html.contains("<a href=\"https://m.example/\">Legal notice</a>"), "{address}: {html}");

@@ -7,17 +7,17 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { seriousOn } from "./axe.mjs";
+import { serious, seriousOn } from "./axe.mjs";
 import { KILWA, launch, open, serve, test } from "./harness.mjs";
 import { decodePng } from "./png.mjs";
 
 const run = promisify(execFile);
-const PAGES = ["/", "/stations/hall/", "/stations/hall/?show=mask", "/stations/yard/?show=intensity", "/stations/nowhere/"];
+const PAGES = ["/", "/stations/hall/", "/stations/hall/?show=mask", "/stations/yard/?show=intensity", "/control/?a=hall&b=yard", "/stations/nowhere/"];
 let work;
 let server;
 let browser;
 
-/** A scan of a room from its middle, with stripes of intensity one column wide, brighter from row to row. */
+/** A scan of a room from its middle, with stripes of intensity one column wide, brighter from row to row. A scan without a pose has no samples in its upper half. */
 function room(columns, rows, [x, y], pose = true) {
   const lines = [columns, rows, `${x} ${y} 0`, "1 0 0", "0 1 0", "0 0 1", "1 0 0 0", "0 1 0 0", "0 0 1 0", pose ? `${x} ${y} 0 1` : "0 0 0 1"];
   for (let column = 0; column < columns; column += 1) {
@@ -25,7 +25,7 @@ function room(columns, rows, [x, y], pose = true) {
       const azimuth = (column / columns) * 2 * Math.PI;
       const elevation = (row / rows - 0.5) * 1.2;
       const ray = [Math.cos(elevation) * Math.cos(azimuth), Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation)];
-      const range = Math.min(...ray.map((d, k) => [4, 3, 1.5][k] / Math.abs(d)));
+      const range = pose || elevation < 0 ? Math.min(...ray.map((d, k) => [4, 3, 1.5][k] / Math.abs(d))) : 0;
       lines.push(`${ray.map((d) => (d * range).toFixed(4)).join(" ")} ${(column % 2) + row / rows}`);
     }
   }
@@ -182,6 +182,109 @@ test("zoomed in, every cell of a large station is shown", async () => {
   await close();
 });
 
+/** Mark a place in the picture of a station; `at` are shares of its width and height. Zoomed in, so that the place is one cell. */
+async function mark(page, name, at) {
+  const frame = page.getByRole("group", { name: new RegExp(`image of station ${name}`, "i") });
+  const place = () =>
+    frame.evaluate((e, [x, y]) => {
+      const box = e.querySelector(".content").getBoundingClientRect();
+      return [box.left + x * box.width, box.top + y * box.height];
+    }, at);
+  await frame.press("0");
+  await frame.evaluate((e) => e.scrollIntoView({ block: "center" }));
+  await page.mouse.move(...(await place()));
+  for (let k = 0; k < 4; k += 1) await page.mouse.wheel(0, -600);
+  await page.waitForFunction((e) => e.querySelector(".content").clientWidth > 11.5 * Number(e.dataset.width), await frame.elementHandle());
+  await page.mouse.click(...(await place()));
+  return frame;
+}
+
+test("the same places are marked in two stations, checked, and exported for survey.toml", async () => {
+  const { page, complaints, close } = await look("/stations/yard/", { size: [1280, 1000], permissions: ["clipboard-read", "clipboard-write"] });
+  await page.getByRole("link", { name: "Mark control points" }).click();
+  await page.getByLabel("Second station").selectOption("hall");
+  await page.getByRole("button", { name: "Show these stations" }).click();
+  await page.waitForURL(/\/control\/\?a=yard&b=hall/);
+  const says = (text) => page.getByRole("status").filter({ hasText: text }).waitFor();
+  const rows = page.getByRole("region", { name: "Pairs" }).getByRole("row");
+  await says("3 more pairs are needed.");
+  // Both rooms are the same and were scanned from the middle: what lies in the same direction is the same place. These are columns and rows of the yard; a column
+  // there is ten of the hall, four rows are fifteen. In pictures, columns run the other way round, and rows from the top.
+  const shareOf = ([column, row], [columns, rows]) => [1 - (column + 0.5) / columns, 1 - (row + 0.5) / rows];
+  const markBoth = async ([column, row], off = 0) => {
+    await mark(page, "yard", shareOf([column, row], [240, 80]));
+    await says("Mark the same place in hall.");
+    await mark(page, "hall", shareOf([10 * (column + off), (15 * row) / 4], [2400, 300]));
+  };
+  // Not in the east, which a mask hides.
+  const places = [
+    [60, 20],
+    [100, 60],
+    [150, 16],
+    [185, 44],
+  ];
+  for (const [k, place] of places.slice(0, 3).entries()) {
+    await markBoth(place);
+    await rows.nth(k + 1).waitFor();
+  }
+  await says("The pairs fit each other");
+  for (const k of [1, 2, 3])
+    assert.match(await rows.nth(k).getByRole("cell").nth(2).innerText(), /^\d\.\d mm$/, "cells of both grids that lie in the same direction");
+  const entries = page.getByRole("textbox", { name: "Entries for survey.toml" });
+  const text = await entries.inputValue();
+  assert.equal(text.match(/^\[\[control\]\]$/gm).length, 6);
+  assert.match(text, /name = "hall\+yard-1"\nstation = "yard"\nat = \[[-\d., ]+\]\nsigma = 0\.0\d\d\n/);
+  await page.getByRole("button", { name: "Copy" }).click();
+  await says("Copied.");
+  assert.equal(await page.evaluate(() => navigator.clipboard.readText()), text);
+  const download = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Download" }).click();
+  assert.equal((await download).suggestedFilename(), "control-yard-hall.toml");
+  assert.equal(await readFile(await (await download).path(), "utf8"), text);
+  assert.deepEqual(await serious(page, "control points"), []);
+
+  // A wrong pair is named, and can be undone step by step.
+  await markBoth(places[3], -24);
+  await says(/Pair 4 is off by \d/);
+  await page.keyboard.press("Control+z");
+  await says("Mark the same place in hall.");
+  await page.keyboard.press("Escape");
+  await says("The pairs fit each other");
+  await page.getByRole("button", { name: "Remove hall+yard-2" }).click();
+  await says("1 more pair is needed.");
+  await page.getByRole("button", { name: "Undo" }).click();
+  await says("The pairs fit each other");
+
+  // What was marked is there after a reload and in another kind of picture, and the stations may change places.
+  await page.reload();
+  await rows.nth(3).waitFor();
+  await page.getByRole("link", { name: "Range", exact: true }).click();
+  await page.waitForURL(/show=range/);
+  await rows.nth(3).waitFor();
+  await page.getByLabel("First station").selectOption("hall");
+  await page.getByLabel("Second station").selectOption("yard");
+  await page.getByRole("button", { name: "Show these stations" }).click();
+  await page.waitForURL(/a=hall&b=yard/);
+  await rows.nth(3).waitFor();
+  // By keyboard: the place at the middle of the view.
+  const frame = page.getByRole("group", { name: /image of station yard/i });
+  await frame.focus();
+  await page.keyboard.press("Shift+ArrowRight");
+  await page.keyboard.press("Enter");
+  await says("Mark the same place in hall.");
+  await page.keyboard.press("Escape");
+  await says("The pairs fit each other");
+  assert.deepEqual(complaints, []);
+
+  // Nothing was measured in the sky.
+  await page.goto(`${server.url}/control/?a=lost&b=yard`);
+  const box = await page.getByRole("group", { name: /image of station lost/i }).boundingBox();
+  await page.mouse.click(box.x + box.width / 2, box.y + box.height * 0.2);
+  await says("There is no sample at this place");
+  assert.equal(await rows.count(), 0);
+  await close();
+});
+
 test("without scripts the pages show the same, but do not zoom", async () => {
   const { page, close } = await look("/", { javaScriptEnabled: false });
   await page.getByRole("group", { name: "Plan" }).first().getByRole("link", { name: "yard" }).click();
@@ -193,5 +296,9 @@ test("without scripts the pages show the same, but do not zoom", async () => {
   assert.ok((await image.evaluate((e) => e.naturalWidth)) === 1200);
   assert.ok(await page.getByText("east", { exact: true }).isVisible());
   assert.equal(await page.getByRole("button").count(), 0, "no control that does nothing");
+  await page.goto(`${server.url}/control/?a=hall&b=yard`);
+  // Chromium shows this text to people who turned scripts off, but not to tests that do.
+  assert.match(await page.content(), /<noscript>.*Points can only be marked with scripts/s);
+  assert.deepEqual(await page.getByRole("button").allInnerTexts(), ["Show these stations"]);
   await close();
 });

@@ -22,7 +22,7 @@ use kilwa_pack::{
 use kilwa_scan::ScanError;
 use kilwa_scan::mask::{self, MaskReader, read_list};
 use kilwa_scan::mesh::{MeshVertex, Options as MeshOptions, Surface, mesh};
-use kilwa_scan::panorama::{Show, render};
+use kilwa_scan::panorama::{Show, WIDTH_MAX, pick, render};
 use kilwa_scan::photos::Options as PhotoOptions;
 use kilwa_scan::spool::Reader as Spool;
 use kilwa_scan::survey::Survey;
@@ -604,6 +604,16 @@ pub(crate) fn spool(bytes: &[u8]) -> String {
     assert!(samples.iter().all(|sample| sample.position.is_finite()));
     let pictures =
         [Show::Range, Show::Intensity, Show::Colour].map(|show| render(&mut reader, show, &mut [], 64).is_ok());
+    if let Ok(picture) = render(&mut reader, Show::Range, &mut [], 64) {
+        let last = picture.frame.size.map(|n| n - 1);
+        for cell in [[0, 0], last] {
+            let picked =
+                pick(&mut reader, &picture.frame, cell, WIDTH_MAX).expect("a sound spool and a cell of its picture");
+            assert!(
+                picked.is_none_or(|picked| picked.cell.iter().zip(picture.frame.size).all(|(at, size)| *at < size))
+            );
+        }
+    }
     let failed = |e: std::io::Error| ScanError::Request(e.to_string());
     let is_ptx =
         kilwa_scan::export::ptx(&mut reader, Pose::default(), None, &mut std::io::sink(), &failed, &mut |_, _| Ok(()));

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 /// The standard deviation of a control point where none is given, metres.
 pub(super) const SIGMA: f64 = 0.005;
 /// Minimum number of points that define a pose.
-pub(super) const MIN_POINTS: usize = 3;
+pub const MIN_POINTS: usize = 3;
 
 /// A control point as observed by a station, or with known survey coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,6 +110,83 @@ impl Controls {
     }
 }
 
+/// A place that two stations observed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointPair {
+    /// Its coordinates in both stations, metres.
+    pub at: [DVec3; 2],
+    /// The standard deviations of these coordinates, metres.
+    pub sigma: [f64; 2],
+}
+
+impl PointPair {
+    fn tolerance(&self) -> f64 {
+        let [a, b] = [0, 1].map(|k| Sighting { station: None, at: self.at[k], sigma: self.sigma[k] });
+        tolerance(&a, &b)
+    }
+
+    fn distance(&self, pose: Pose) -> f64 {
+        self.at[0].distance(pose.apply(self.at[1]))
+    }
+}
+
+/// How well pairs of points fit each other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alignment {
+    /// The distance between the two points of each pair after the best rigid alignment, metres.
+    pub residuals: Vec<f64>,
+    /// The pair that is most likely wrong, if registration would refuse the pairs.
+    pub suspect: Option<usize>,
+}
+
+/// Align the second points of pairs with the first, as the registration of two stations from control points does. Returns `None` if there are fewer than three pairs,
+/// if the points are collinear in either station, or if a coordinate is not finite.
+pub fn align_points(pairs: &[PointPair]) -> Option<Alignment> {
+    let pose = pose_of(pairs.iter())?;
+    let residuals: Vec<f64> = pairs.iter().map(|pair| pair.distance(pose)).collect();
+    Some(Alignment { suspect: suspect(pairs, pose), residuals })
+}
+
+/// The control points in `survey.toml` that both stations observed, with their names, sorted by name.
+pub fn common_points(survey: &Survey, a: &Station, b: &Station) -> Vec<(String, PointPair)> {
+    let controls = Controls::new(survey, &[a, b]);
+    let pair = |all: &[Sighting]| {
+        let of = |k: usize| all.iter().find(|sighting| sighting.station == Some(k));
+        let (a, b) = (of(0)?, of(1)?);
+        Some(PointPair { at: [a.at, b.at], sigma: [a.sigma, b.sigma] })
+    };
+    controls.points.into_iter().filter_map(|(name, all)| Some((name, pair(&all)?))).collect()
+}
+
+fn pose_of<'a>(pairs: impl Iterator<Item = &'a PointPair> + Clone) -> Option<Pose> {
+    if pairs.clone().any(|pair| pair.at.iter().any(|at| !at.is_finite())) {
+        return None;
+    }
+    let [forwards, backwards]: [Vec<(DVec3, DVec3)>; 2] =
+        [[0, 1], [1, 0]].map(|[to, from]| pairs.clone().map(|pair| (pair.at[to], pair.at[from])).collect());
+    rigid(&backwards)?;
+    rigid(&forwards)
+}
+
+/// The pair without which the others fit best. A wrong pair also moves the points that fit, so its own residual need not be the largest.
+fn suspect(pairs: &[PointPair], pose: Pose) -> Option<usize> {
+    let excess = |pose: Pose, pair: &PointPair| pair.distance(pose) / pair.tolerance();
+    if pairs.iter().all(|pair| excess(pose, pair) <= 1.0) {
+        return None;
+    }
+    let without = |k: usize| {
+        let others = pairs.iter().enumerate().filter(move |(other, _)| *other != k).map(|(_, pair)| pair);
+        let pose = pose_of(others.clone())?;
+        Some(others.map(|pair| excess(pose, pair)).fold(0.0, f64::max))
+    };
+    let fits = (0..pairs.len()).filter_map(|k| Some((k, without(k)?))).min_by(|a, b| a.1.total_cmp(&b.1));
+    let largest = || {
+        let all = pairs.iter().map(|pair| excess(pose, pair)).enumerate();
+        all.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
+    };
+    fits.filter(|(_, excess)| *excess <= 1.0).map(|(k, _)| k).or_else(largest)
+}
+
 /// How far two observations of a point may be apart, metres.
 pub(super) fn tolerance(a: &Sighting, b: &Sighting) -> f64 {
     (5.0 * a.sigma.hypot(b.sigma)).max(0.01)
@@ -160,5 +237,45 @@ mod tests {
         let line: Vec<_> = (0..5).map(|k| DVec3::X * f64::from(k)).map(|p| (pose.apply(p), p)).collect();
         assert_eq!(rigid(&line), None);
         assert_eq!(rigid(&[(DVec3::X, DVec3::X), (DVec3::Y, DVec3::Y)]), None);
+    }
+
+    /// Pairs of the same places in two stations, the second turned and moved.
+    fn pairs(places: &[DVec3]) -> Vec<PointPair> {
+        let pose = Pose { rotation: DQuat::from_rotation_z(2.0), translation: DVec3::new(10.0, -3.0, 1.0) };
+        places.iter().map(|p| PointPair { at: [pose.apply(*p), *p], sigma: [0.002; 2] }).collect()
+    }
+
+    #[test]
+    fn a_wrong_pair_is_found_although_it_moves_the_others() {
+        let mut all = pairs(&PLACES);
+        let found = align_points(&all).unwrap();
+        assert!(found.residuals.iter().all(|residual| *residual < 1e-9) && found.suspect.is_none(), "{found:?}");
+        for wrong in 0..4 {
+            all = pairs(&PLACES);
+            all[wrong].at[0].x += 0.12;
+            let found = align_points(&all).unwrap();
+            assert!(found.suspect == Some(wrong), "{wrong}: {found:?}");
+            assert!(found.residuals.iter().filter(|residual| **residual > 0.01).count() > 1, "{found:?}");
+        }
+        // Of three pairs, none can be told from the others.
+        all = pairs(&PLACES[..3]);
+        all[1].at[0].x += 0.12;
+        assert!(align_points(&all).unwrap().suspect.is_some());
+    }
+
+    #[test]
+    fn pairs_that_determine_no_pose_have_no_residuals() {
+        assert_eq!(align_points(&pairs(&PLACES[..2])), None);
+        let line: Vec<DVec3> = (0..5).map(|k| DVec3::X * f64::from(k)).collect();
+        assert_eq!(align_points(&pairs(&line)), None);
+        // On a line in one of the two stations.
+        let mut bent = pairs(&PLACES);
+        for (pair, at) in bent.iter_mut().zip(&line) {
+            pair.at[0] = *at;
+        }
+        assert_eq!(align_points(&bent), None);
+        let mut bad = pairs(&PLACES);
+        bad[0].at[1].y = f64::NAN;
+        assert_eq!(align_points(&bad), None);
     }
 }

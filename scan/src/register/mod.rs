@@ -23,6 +23,7 @@ mod settle;
 mod view;
 
 pub use apply::apply;
+pub use control::{Alignment, MIN_POINTS, PointPair, align_points, common_points};
 pub use grade::Grades;
 pub use residuals::{Residual, residuals, write_residuals};
 pub use result::{Candidate, FILE, KnownSigma, Link, Placed, Placement, Registration, Stated, Unplaced};

@@ -7,12 +7,17 @@
 //! | `/stations/<name>/` | a station: facts and a picture that zooms ([`station`]) |
 //! | `/stations/<name>/<show>.png` | its picture: `range`, `intensity`, `colour`, `mask` |
 //! | `/stations/<name>/<show>/<column>-<row>.png` | a tile of that picture with every cell of the grid |
+//! | `/stations/<name>/at/<column>-<row>.json` | the sample of a cell ([`control`]) |
+//! | `/control/` | marking the same places in two stations ([`control`]) |
+//! | `/control/fit` | how well the marked pairs fit (POST) |
 //!
 //! Pictures are those of `kilwa scans view` ([`kilwa_scan::panorama`]), drawn when somebody asks for them and kept in memory ([`pictures`]). Invariants: a
 //! name in an address is looked up among the stations of `survey.toml` and never becomes a path; the file's paths are opened only if they contain
 //! no link; what a page shows follows the files, whose times are checked at every request. Failures: a station, a mask or a picture that
 //! cannot be read is shown with the reason, and the others as usual; so is `registration.json` ([`registered`]).
 
+mod control;
+mod control_page;
 mod pictures;
 mod plan;
 mod plan_page;

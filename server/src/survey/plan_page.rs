@@ -1,5 +1,6 @@
 //! The page of a survey: its plan, and the list of its stations.
 
+use super::control_page;
 use super::plan::{Drawing, Known, Plan, heading};
 use super::registered::{self, Certainty, Found, Line, LinkRow, Refused};
 use crate::portal::frame::{Reader, Top};
@@ -56,6 +57,8 @@ struct Page<'a> {
     unreadable: Option<&'a str>,
     /// Stations that could not be placed, with their addresses.
     refused: Vec<(String, Refused<'a>)>,
+    /// Address of the page where control points are marked; none if there are no two stations.
+    control: Option<String>,
     /// Addresses and names of other stations that are not on the plan.
     unknown: Vec<(String, &'a str)>,
     rows: Vec<Row<'a>>,
@@ -120,7 +123,7 @@ pub(crate) fn page(
     let l = reader.language;
     let samples = stations.iter().filter_map(|(_, facts)| facts.header.as_ref().ok());
     let samples: u64 = samples.map(|header| header.statistics.measured).sum();
-    let refused = found.map(|found| registered::refused(found, survey)).unwrap_or_default();
+    let refused = found.map(|found| registered::refused(found, survey, reader)).unwrap_or_default();
     let is_refused = |name: &str| refused.iter().any(|one| one.name == name);
     let unknown = survey.stations.iter().filter(|station| station.pose.is_none() && !is_refused(&station.name));
     let unknown = unknown.map(|station| (address(&station.name, reader), station.name.as_str())).collect();
@@ -135,6 +138,7 @@ pub(crate) fn page(
         same: Some(same_poses(survey)).filter(|same| *same > 0).map(|same| l.with("surveySame", &[("count", same)])),
         unreadable: registration.as_ref().err().map(AsRef::as_ref),
         refused: refused.into_iter().map(|one| (address(one.name, reader), one)).collect(),
+        control: (survey.stations.len() > 1).then(|| control_page::link(&[], reader)),
         unknown,
         rows: stations.iter().map(|known| row(*known, found, reader)).collect(),
         link_count: l.count(links.len() as u64),

@@ -1,7 +1,9 @@
 //! Registration results (`registration.json`) on the page of a survey: links on the plan, how certain stations are, and which stations were not placed.
 
+use super::control_page;
 use super::plan::Plan;
 use super::{Surveyed, stamp};
+use crate::portal::frame::Reader;
 use crate::portal::language::Language;
 use kilwa_scan::plan::text;
 use kilwa_scan::register::{FILE, Grades, Link, Placement, Registration};
@@ -160,13 +162,25 @@ pub(crate) struct Refused<'a> {
     pub(crate) name: &'a str,
     pub(crate) reason: &'a str,
     pub(crate) remedy: &'a str,
+    /// Address of the page where its control points are marked.
+    pub(crate) control: String,
 }
 
 /// The stations of the survey that could not be placed and were not fixed since.
-pub(crate) fn refused<'a>(found: &'a Registration, survey: &Survey) -> Vec<Refused<'a>> {
+pub(crate) fn refused<'a>(found: &'a Registration, survey: &Survey, reader: &Reader<'_>) -> Vec<Refused<'a>> {
     let is_open = |name: &str| survey.stations.iter().any(|station| station.name == name && !station.is_fixed);
     let refused = found.unplaced.iter().filter(|one| is_open(&one.name));
-    refused.map(|one| Refused { name: &one.name, reason: &one.reason, remedy: &one.remedy }).collect()
+    let link = |name: &str| control_page::link(&[Some(name), best_match(found, survey, name)], reader);
+    refused
+        .map(|one| Refused { name: &one.name, reason: &one.reason, remedy: &one.remedy, control: link(&one.name) })
+        .collect()
+}
+
+/// The station with which a station that could not be placed was matched best.
+pub(crate) fn best_match<'a>(found: &'a Registration, survey: &Survey, name: &str) -> Option<&'a str> {
+    let unplaced = found.unplaced.iter().find(|one| one.name == name)?;
+    let best = unplaced.candidates.first()?.matched_with.as_str();
+    survey.stations.iter().any(|station| station.name == best && best != name).then_some(best)
 }
 
 /// A length in millimetres with two or three significant digits.

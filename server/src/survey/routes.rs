@@ -2,7 +2,7 @@
 
 use super::pictures::{self, Drawn, SHOWN, shown};
 use super::plan::Known;
-use super::{Facts, Surveyed, plan_page, station};
+use super::{Facts, Surveyed, control, plan_page, station};
 use crate::budget::lean;
 use crate::content::text;
 use crate::gate::{Gate, Passing, pass};
@@ -18,7 +18,7 @@ use axum::http::header::{CONTENT_TYPE, ETAG, IF_NONE_MATCH, LOCATION};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse as _, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use kilwa_scan::panorama::Show;
 use kilwa_scan::survey::{Station, Survey};
 use std::sync::Arc;
@@ -29,6 +29,7 @@ const SHARE: usize = 2;
 
 const STYLE: &str = include_str!("../../assets/survey.css");
 const SCRIPT: &str = include_str!("../../assets/survey.js");
+const CONTROL_SCRIPT: &str = include_str!("../../assets/control.js");
 
 pub(crate) fn routes(site: &Site) -> Router<Site> {
     let behind_proxy = site.behind_proxy;
@@ -40,12 +41,21 @@ pub(crate) fn routes(site: &Site) -> Router<Site> {
     let stations = Router::new()
         .route("/stations/{name}/", get(station_page))
         .route("/stations/{name}/{file}", get(picture))
-        .route("/stations/{name}/{show}/{part}", get(part));
+        .route("/stations/{name}/at/{place}", get(control::sample))
+        .route("/stations/{name}/{show}/{part}", get(part))
+        .route("/control/", get(control::page));
+    let fits = Router::new().route("/control/fit", post(control::fit));
     gated(plan.route_layer(short()), Gate::of(AT_ONCE, SHARE))
+        .merge(gated(fits.route_layer(short()), Gate::default()))
         .merge(gated(stations.route_layer(short()), Gate::of(AT_ONCE, SHARE)))
         .route("/stations/{name}", get(towards))
         .route("/survey.css", get(|headers: HeaderMap| async move { file(STYLE, "text/css", &headers) }))
+        .route("/control", get(|| async { (StatusCode::PERMANENT_REDIRECT, [(LOCATION, "/control/")]) }))
         .route("/survey.js", get(|headers: HeaderMap| async move { file(SCRIPT, "text/javascript", &headers) }))
+        .route(
+            "/control.js",
+            get(|headers: HeaderMap| async move { file(CONTROL_SCRIPT, "text/javascript", &headers) }),
+        )
 }
 
 /// What is known of all stations, in the order of the survey.
@@ -106,15 +116,15 @@ async fn background(State(site): State<Site>, headers: HeaderMap) -> Response {
 }
 
 /// A station that an address names.
-struct Found {
-    surveyed: Arc<Surveyed>,
-    survey: Arc<Survey>,
-    station: Station,
-    facts: Arc<Facts>,
+pub(super) struct Found {
+    pub(super) surveyed: Arc<Surveyed>,
+    pub(super) survey: Arc<Survey>,
+    pub(super) station: Station,
+    pub(super) facts: Arc<Facts>,
 }
 
 /// Why there is none.
-enum Missing {
+pub(super) enum Missing {
     Unknown,
     /// In `survey.toml`.
     Mistakes(Arc<str>),
@@ -172,7 +182,7 @@ async fn station_page(
     for_reader(station::page(asked, &reader), &reader, &headers)
 }
 
-fn named(name: &str) -> Option<Show> {
+pub(super) fn named(name: &str) -> Option<Show> {
     SHOWN.iter().find(|(other, _)| *other == name).map(|(_, show)| *show)
 }
 
@@ -197,10 +207,7 @@ async fn part(
     Path((name, show, part)): Path<(String, String, String)>,
     headers: HeaderMap,
 ) -> Response {
-    // One address for each: no signs, no leading zeros.
-    let number = |text: &str| text.parse::<u32>().ok().filter(|number| number.to_string() == text);
-    let place = part.strip_suffix(".png").and_then(|place| place.split_once('-'));
-    let place = place.and_then(|(column, row)| Some([number(column)?, number(row)?]));
+    let place = part.strip_suffix(".png").and_then(column_and_row);
     let (Some(show), Some(place)) = (named(&show), place) else { return lost() };
     match drawable(&site, &name, show).await {
         Ok(Found { surveyed, station, facts, .. }) => {
@@ -218,8 +225,19 @@ async fn part(
     }
 }
 
+/// A number in an address. Each has one address: no signs, no leading zeros.
+pub(super) fn number(text: &str) -> Option<u32> {
+    text.parse::<u32>().ok().filter(|number| number.to_string() == text)
+}
+
+/// `<column>-<row>`
+pub(super) fn column_and_row(text: &str) -> Option<[u32; 2]> {
+    let (column, row) = text.split_once('-')?;
+    Some([number(column)?, number(row)?])
+}
+
 /// A station that has a picture of this kind.
-async fn drawable(site: &Site, name: &str, show: Show) -> Result<Found, Missing> {
+pub(super) async fn drawable(site: &Site, name: &str, show: Show) -> Result<Found, Missing> {
     let found = find(site, name).await?;
     match &found.facts.header {
         Err(why) => Err(Missing::Broken(why.clone())),
@@ -228,7 +246,7 @@ async fn drawable(site: &Site, name: &str, show: Show) -> Result<Found, Missing>
     }
 }
 
-fn no_picture(why: Missing) -> Response {
+pub(super) fn no_picture(why: Missing) -> Response {
     match why {
         Missing::Unknown => lost(),
         Missing::Mistakes(why) => broken(&why),
@@ -237,7 +255,7 @@ fn no_picture(why: Missing) -> Response {
     }
 }
 
-fn missing(why: Missing, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
+pub(super) fn missing(why: Missing, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
     match why {
         Missing::Unknown => {
             let mut response = for_reader(plan_page::lost(reader), reader, headers);
@@ -257,7 +275,7 @@ fn mistakes(why: &str, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
 }
 
 /// A picture that cannot be drawn.
-fn broken(why: &str) -> Response {
+pub(super) fn broken(why: &str) -> Response {
     (StatusCode::SERVICE_UNAVAILABLE, format!("{why}\n")).into_response()
 }
 
@@ -284,21 +302,21 @@ fn file(content: &'static str, kind: &'static str, headers: &HeaderMap) -> Respo
     lean(response)
 }
 
-fn tag(key: &str) -> String {
+pub(super) fn tag(key: &str) -> String {
     format!("\"{}\"", &blake3::hash(key.as_bytes()).to_hex()[..32])
 }
 
-fn is_known(etag: &str, headers: &HeaderMap) -> bool {
+pub(super) fn is_known(etag: &str, headers: &HeaderMap) -> bool {
     lists(text(headers, &IF_NONE_MATCH).unwrap_or_default(), etag, true)
 }
 
-fn unchanged(etag: &str) -> Response {
+pub(super) fn unchanged(etag: &str) -> Response {
     let mut response = StatusCode::NOT_MODIFIED.into_response();
     add_tag(&mut response, etag);
     response
 }
 
-fn add_tag(response: &mut Response, etag: &str) {
+pub(super) fn add_tag(response: &mut Response, etag: &str) {
     if let Ok(value) = HeaderValue::from_str(etag) {
         response.headers_mut().insert(ETAG, value);
     }

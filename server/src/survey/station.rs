@@ -1,6 +1,7 @@
 //! The page of a station: what is known of it, and a picture of it that zooms.
 
 use super::Facts;
+use super::control_page;
 use super::pictures::{Drawn, PART, key, name_of};
 use super::plan_page::{address, coordinates, facing, title};
 use crate::portal::frame::{Reader, Top};
@@ -38,18 +39,20 @@ struct Page<'a> {
     /// Addresses and names of the stations before and after this one.
     before: Option<(String, &'a str)>,
     after: Option<(String, &'a str)>,
+    /// Address of the page where control points are marked; none if there is no other station.
+    control: Option<String>,
 }
 
-struct Panorama {
-    address: String,
-    width: u32,
-    height: u32,
+pub(super) struct Panorama {
+    pub(super) address: String,
+    pub(super) width: u32,
+    pub(super) height: u32,
     /// Columns and rows of the grid, and where its parts are: none where the picture has every cell.
-    full: [u32; 2],
-    parts: Option<String>,
-    part: u32,
+    pub(super) full: [u32; 2],
+    pub(super) parts: Option<String>,
+    pub(super) part: u32,
     /// What it shows, for those who do not see it.
-    alternative: String,
+    pub(super) alternative: String,
     legend: Legend,
 }
 
@@ -85,11 +88,12 @@ pub(crate) fn page(asked: Asked<'_>, reader: &Reader<'_>) -> String {
         picture,
         before: neighbour(at.and_then(|at| at.checked_sub(1))),
         after: neighbour(at.map(|at| at + 1)),
+        control: (survey.stations.len() > 1).then(|| control_page::link(&[Some(&station.name)], reader)),
     })
 }
 
 /// The key of what a picture shows.
-fn message(show: Show) -> &'static str {
+pub(super) fn message(show: Show) -> &'static str {
     match show {
         Show::Range => "showRange",
         Show::Intensity => "showIntensity",
@@ -132,7 +136,7 @@ fn rows(station: &Station, facts: &Facts, l: &'static Language) -> Vec<(&'static
     rows
 }
 
-fn panorama(
+pub(super) fn panorama(
     drawn: &Drawn,
     station: &Station,
     facts: &Facts,
