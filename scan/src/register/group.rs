@@ -9,8 +9,8 @@ use kilwa_scan_core::register::correlate::{Correlator, Place, Plan, Spectrum};
 use kilwa_scan_core::register::fit::{Fit, Posed, fit, moved};
 use kilwa_scan_core::register::surfels::{Surfel, Surfels};
 use nalgebra::{Matrix6, Vector6};
-use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Candidates from correlation for single stations and for groups, the number of those that are fitted, and the number that are refined.
 const PLACES: usize = 160;
@@ -38,42 +38,48 @@ pub(super) struct Group {
     pub(super) members: Vec<(usize, Pose)>,
     pub(super) plan: Plan,
     seen_through: SeenThrough,
+    /// The samples of members without those of objects that were moved; members that have no such samples are missing.
+    unmoved: BTreeMap<usize, Arc<[Surfel]>>,
 }
 
 impl Group {
     /// One station, in its own coordinates.
     pub(super) fn single(number: usize, view: &View) -> Self {
-        Self { members: vec![(number, Pose::IDENTITY)], plan: view.plan.clone(), seen_through: SeenThrough::default() }
+        let (seen_through, unmoved) = (SeenThrough::default(), BTreeMap::new());
+        Self { members: vec![(number, Pose::IDENTITY)], plan: view.plan.clone(), seen_through, unmoved }
     }
 
-    /// Both groups, in the frame of this one.
+    /// Both groups, in the frame of this one. `edge`: the edge of the smallest voxels, metres.
     pub(super) fn joined(&self, other: &Self, pose: Pose, views: &[View], edge: f64) -> Self {
-        let moved = other.members.iter().map(|(number, own)| (*number, own.then(pose)));
-        let mut members: Vec<(usize, Pose)> = self.members.iter().copied().chain(moved).collect();
-        members.sort_unstable_by_key(|(number, _)| *number);
-        let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
-        let plan = Plan::joined(&parts);
         let moved: Vec<(usize, Pose)> = other.members.iter().map(|(number, own)| (*number, own.then(pose))).collect();
         let seen_through = self.seen_through.joined(&other.seen_through, &self.members, &moved, views, edge);
-        Self { members, plan, seen_through }
+        let mut members: Vec<(usize, Pose)> = self.members.iter().copied().chain(moved).collect();
+        members.sort_unstable_by_key(|(number, _)| *number);
+        Self::of(members, seen_through, views)
     }
 
     /// The group without one member, in the same frame.
     pub(super) fn without(&self, number: usize, views: &[View]) -> Self {
         let members: Vec<(usize, Pose)> = self.members.iter().copied().filter(|(own, _)| *own != number).collect();
+        Self::of(members, self.seen_through.without(number), views)
+    }
+
+    fn of(members: Vec<(usize, Pose)>, seen_through: SeenThrough, views: &[View]) -> Self {
         let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
-        Self { plan: Plan::joined(&parts), members, seen_through: self.seen_through.without(number) }
+        let plan = Plan::joined(&parts);
+        let unmoved =
+            |(number, _): &(usize, Pose)| Some((*number, seen_through.unmoved(*number, &views[*number].samples)?));
+        let unmoved = members.iter().filter_map(unmoved).collect();
+        Self { members, plan, seen_through, unmoved }
     }
 
-    /// The same members with other poses.
-    pub(super) fn with_poses(&self, poses: &[Pose]) -> Self {
-        let members = self.members.iter().zip(poses).map(|((number, _), pose)| (*number, *pose)).collect();
-        Self { members, ..self.clone() }
-    }
-
-    /// The planes of a member that are compared with other stations: its samples without those of objects that were moved.
-    fn compared<'v>(&'v self, number: usize, views: &'v [View]) -> Cow<'v, [Surfel]> {
-        self.seen_through.rest(number, &views[number].samples)
+    /// The planes of the members that are compared with other stations.
+    fn compared<'v>(&'v self, views: &'v [View]) -> Vec<Compared<'v>> {
+        let planes = |number: &usize| self.unmoved.get(number).map_or(&views[*number].samples[..], |planes| planes);
+        self.members
+            .iter()
+            .map(|(number, pose)| Compared { number: *number, pose: *pose, planes: planes(number) })
+            .collect()
     }
 
     /// The pose of a member.
@@ -252,6 +258,9 @@ impl Two<'_> {
     /// Initial poses from the candidate poses of pairs of stations, one from each group, best first. A pair that has too little surface in common to be accepted may still
     /// have the correct pose among its candidates.
     pub(super) fn starts_from_pairs(&self, pairs: &BTreeMap<(usize, usize), Finding>) -> Vec<Pose> {
+        if !self.see_through() {
+            return Vec::new();
+        }
         let rated = relative_poses(self.first, self.second, pairs)
             .into_iter()
             .map(|start| (quality(self.verdict(start, ROUGH * self.edge, GLANCED)), start));
@@ -306,7 +315,8 @@ impl Two<'_> {
 
     /// How well both agree, using at most `most` planes of each station.
     pub(super) fn verdict(&self, pose: Pose, margin: f64, most: usize) -> Verdict {
-        verdict(self.views, self.first, self.second, pose, margin, most)
+        let (first, second) = (self.first.compared(self.views), self.second.compared(self.views));
+        compare(self.views, &first, &second, pose, margin, most)
     }
 }
 
@@ -331,18 +341,47 @@ pub(super) fn is_same(a: Pose, b: Pose, edge: f64) -> bool {
     distance < 2.0 * edge && angle < 0.035
 }
 
-/// Compares all stations of one group with all stations of another; `pose` is the pose of the second group in the
+/// A station that is compared with others: its number, `group_from_station`, and its planes.
+#[derive(Clone, Copy)]
+struct Compared<'v> {
+    number: usize,
+    pose: Pose,
+    planes: &'v [Surfel],
+}
+
+/// Compares all stations of one group (numbers, and poses in the group) with all stations of another, with all of their samples; `pose` is the pose of the second group in the
 /// frame of the first. Uses at most `most` planes of each station.
-pub(super) fn verdict(views: &[View], first: &Group, second: &Group, pose: Pose, margin: f64, most: usize) -> Verdict {
+pub(super) fn verdict(
+    views: &[View],
+    first: &[(usize, Pose)],
+    second: &[(usize, Pose)],
+    pose: Pose,
+    margin: f64,
+    most: usize,
+) -> Verdict {
+    let all = |members: &[(usize, Pose)]| -> Vec<Compared<'_>> {
+        let of =
+            |(number, pose): &(usize, Pose)| Compared { number: *number, pose: *pose, planes: &views[*number].samples };
+        members.iter().map(of).collect()
+    };
+    compare(views, &all(first), &all(second), pose, margin, most)
+}
+
+/// As [`verdict`], with the given planes.
+fn compare(
+    views: &[View],
+    first: &[Compared<'_>],
+    second: &[Compared<'_>],
+    pose: Pose,
+    margin: f64,
+    most: usize,
+) -> Verdict {
     let mut out = Verdict::default();
-    let of_first: Vec<_> = first.members.iter().map(|(a, _)| first.compared(*a, views)).collect();
-    for (b, b_pose) in &second.members {
-        let of_second = second.compared(*b, views);
-        for ((a, a_pose), of_first) in first.members.iter().zip(&of_first) {
-            let a_from_b = b_pose.then(pose).then(a_pose.inverse());
-            let (a, b) = (&views[*a], &views[*b]);
-            out = out.join(Verdict::one_way(a, &of_second, most, a_from_b, margin));
-            out = out.join(Verdict::one_way(b, of_first, most, a_from_b.inverse(), margin));
+    for b in second {
+        for a in first {
+            let a_from_b = b.pose.then(pose).then(a.pose.inverse());
+            out = out.join(Verdict::one_way(&views[a.number], b.planes, most, a_from_b, margin));
+            out = out.join(Verdict::one_way(&views[b.number], a.planes, most, a_from_b.inverse(), margin));
         }
     }
     out
@@ -360,9 +399,15 @@ fn upright(place: &Place, height: f64) -> Pose {
 mod tests {
     use super::super::doubt::Doubt;
     use super::*;
+    use glam::Vec3;
+    use kilwa_scan_core::mask::through::RangeImage;
+    use kilwa_scan_core::register::adjust::Shape;
+    use kilwa_scan_core::register::image;
+    use kilwa_scan_core::register::surfels::Collector;
 
     fn group(members: &[(usize, Pose)]) -> Group {
-        Group { members: members.to_vec(), plan: Plan::default(), seen_through: SeenThrough::default() }
+        let (seen_through, unmoved) = (SeenThrough::default(), BTreeMap::new());
+        Group { members: members.to_vec(), plan: Plan::default(), seen_through, unmoved }
     }
 
     fn pose(heading: f64, x: f64, y: f64) -> Pose {
@@ -391,5 +436,46 @@ mod tests {
             let (angle, distance) = pose.difference(frames[1].then(frames[0].inverse()));
             assert!(angle < 1e-7 && distance < 1e-9, "{angle} {distance}");
         }
+    }
+
+    /// A station that looks along its x axis at a wall 8 m away, 12° to either side.
+    fn view(samples: Vec<Surfel>) -> View {
+        let mut image = RangeImage::new(0.01);
+        for k in -20..=20 {
+            for row in -20..=20 {
+                image.add(Vec3::new(8.0, 0.08 * k as f32, 0.08 * row as f32));
+            }
+        }
+        let (shape, points) = image::Collector::around(0.01).finish(EDGE);
+        let shape = Shape::Image(shape);
+        View::for_test(Collector::new(EDGE).finish(), samples, image, shape, points)
+    }
+
+    const EDGE: f64 = 0.1;
+
+    fn plane(x: f64, y: f64) -> Surfel {
+        let normal = glam::DVec3::new(-1.0, -1.0, 0.0).normalize();
+        let position = glam::DVec3::new(x, y, 0.0);
+        Surfel { position, normal, roughness: 0.0, edge: 0.2, points: 9, facing: 0.7, spread: 0.05 }
+    }
+
+    #[test]
+    fn what_two_members_see_through_is_no_longer_compared() {
+        // The last plane is an object in front of the second and third station, which both look along the y axis of the first.
+        let mut samples: Vec<Surfel> = (0..9).map(|k| plane(-5.0 - f64::from(k), 0.0)).collect();
+        samples.push(plane(3.0, 0.0));
+        let views = [view(samples), view(Vec::new()), view(Vec::new())];
+        let single = |k: usize| Group::single(k, &views[k]);
+        let quarter = std::f64::consts::FRAC_PI_2;
+        let left = |group: &Group| group.compared(&views)[0].planes.len();
+        let at = |x: f64, y: f64| Pose { translation: glam::DVec3::new(x, y, 0.0), ..pose(quarter, 0.0, 0.0) };
+        let two = single(0).joined(&single(1), at(3.0, -4.0), &views, EDGE);
+        assert_eq!(left(&two), 10);
+        let three = two.joined(&single(2), at(3.2, -5.0), &views, EDGE);
+        assert_eq!(left(&three), 9);
+        assert_eq!(left(&three.without(1, &views)), 10, "one witness is not enough");
+        // Joined in the other order, the first station is in the second group.
+        let others = single(1).joined(&single(2), at(3.2, -5.0).then(at(3.0, -4.0).inverse()), &views, EDGE);
+        assert_eq!(left(&others.joined(&single(0), at(3.0, -4.0).inverse(), &views, EDGE)), 9);
     }
 }

@@ -23,11 +23,10 @@ const MAX_WORSE: f64 = 0.02;
 impl Work<'_> {
     /// Reports an error if the given poses of two stations contradict each other.
     pub(super) fn check_known(&self, views: &[View], edge: f64, known: &Known) -> Result<(), ScanError> {
-        let single = |k: usize| Group::single(k, &views[k]);
         let is_checked = |k: usize, other: usize| self.is_fixed[k] || self.is_fixed[other];
         for (n, (b, b_pose)) in known.fixed.iter().enumerate() {
             for (a, a_pose) in known.fixed[..n].iter().filter(|(a, _)| is_checked(*a, *b)) {
-                let v = verdict(views, &single(*a), &single(*b), b_pose.then(a_pose.inverse()), edge, usize::MAX);
+                let v = verdict(views, &[(*a, *a_pose)], &[(*b, *b_pose)], Pose::IDENTITY, edge, usize::MAX);
                 if v.common() >= MIN_AGREE && v.contradicted() > MAX_GIVEN_CONTRADICTED {
                     return Err(ScanError::Request(format!(
                         "the poses of stations {} and {} contradict each other: rays of one pass through {:.0} % of what the other saw; fix only stations whose poses are correct",
@@ -162,16 +161,17 @@ impl Work<'_> {
     /// The member that contradicts the others most, if any does. Stations that keep their poses are not checked; for stations placed by control
     /// points, only rays that pass through the surface of others count.
     fn worst(&self, views: &[View], group: &Group, settled: &Settled, known: &Known, edge: f64) -> Option<usize> {
-        let adjusted = group.with_poses(&settled.poses);
-        let of = |member: usize, group: &Group| -> Verdict {
-            let (number, pose) = group.members[member];
-            let single = Group::single(number, &views[number]);
-            verdict(views, &group.without(number, views), &single, pose, edge, usize::MAX)
+        let poses: Vec<(usize, Pose)> =
+            group.members.iter().zip(&settled.poses).map(|((number, _), pose)| (*number, *pose)).collect();
+        let of = |member: usize, poses: &[(usize, Pose)]| -> Verdict {
+            let rest: Vec<(usize, Pose)> =
+                poses.iter().enumerate().filter(|(k, _)| *k != member).map(|(_, own)| *own).collect();
+            verdict(views, &rest, &poses[member..=member], Pose::IDENTITY, edge, usize::MAX)
         };
         let judge = |member: usize| -> Option<(usize, f64)> {
             let number = group.members[member].0;
-            let before = (!self.keeps_pose[number]).then(|| of(member, group))?;
-            let now = of(member, &adjusted);
+            let before = (!self.keeps_pose[number]).then(|| of(member, &group.members))?;
+            let now = of(member, &poses);
             if known.is_controlled(number) || known.is_fixed(number) {
                 let is_wrong = now.common() >= MIN_AGREE && now.contradicted() > MAX_GIVEN_CONTRADICTED;
                 return is_wrong.then(|| (member, now.contradicted()));
@@ -183,7 +183,7 @@ impl Work<'_> {
                 || now.agree < MIN_AGREE.min(before.agree / 2);
             is_wrong.then(|| (member, now.contradicted()))
         };
-        let wrong: Vec<(usize, f64)> = (0..group.members.len()).into_par_iter().filter_map(judge).collect();
+        let wrong: Vec<(usize, f64)> = (0..poses.len()).into_par_iter().filter_map(judge).collect();
         wrong.into_iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map(|(member, _)| member)
     }
 

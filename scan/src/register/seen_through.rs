@@ -1,13 +1,14 @@
-//! Surface of moved objects, as far as the stations of a group show it: planes of a member that rays of two other members pass through.
+//! Surface of objects that were moved between scans: planes of a member of a group that rays of two other members pass through.
 //!
 //! People, vehicles and scaffolding that were moved between scans contradict every station that is compared with the group, although its pose is
-//! correct. Two witnesses are required, so that a single member with a wrong pose cannot hide what contradicts it.
+//! correct. Two witnesses are required, so that a single member with a wrong pose cannot hide what contradicts it. The final check of the adjusted poses
+//! (`place`) compares all planes.
 
 use super::view::View;
 use kilwa_scan_core::Pose;
 use kilwa_scan_core::register::surfels::Surfel;
-use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Number of other members whose rays must pass through a plane.
 const WITNESSES: usize = 2;
@@ -68,15 +69,15 @@ impl SeenThrough {
         out
     }
 
-    /// The samples of a member without those that rays of [`WITNESSES`] others pass through.
-    pub(super) fn rest<'v>(&self, number: usize, samples: &'v [Surfel]) -> Cow<'v, [Surfel]> {
-        let Some(planes) = self.0.get(&number) else { return Cow::Borrowed(samples) };
-        let is_moved = |index: usize| planes.get(&index).is_some_and(|w| w.len() >= WITNESSES);
-        let moved = planes.values().filter(|witnesses| witnesses.len() >= WITNESSES).count();
+    /// The samples of a member without those that rays of [`WITNESSES`] others pass through; `None` if there are none of those, or too many.
+    pub(super) fn unmoved(&self, number: usize, samples: &[Surfel]) -> Option<Arc<[Surfel]>> {
+        let planes = self.0.get(&number)?;
+        let is_moved = |index: usize| planes.get(&index).is_some_and(|witnesses| witnesses.len() >= WITNESSES);
+        let moved = planes.keys().filter(|index| is_moved(**index)).count();
         if moved == 0 || moved as f64 > MAX_SHARE * samples.len() as f64 {
-            return Cow::Borrowed(samples);
+            return None;
         }
-        Cow::Owned(samples.iter().enumerate().filter(|(k, _)| !is_moved(*k)).map(|(_, plane)| *plane).collect())
+        Some(samples.iter().enumerate().filter(|(k, _)| !is_moved(*k)).map(|(_, plane)| *plane).collect())
     }
 }
 
@@ -100,7 +101,9 @@ mod tests {
     }
 
     fn left(seen: &SeenThrough, station: usize) -> Vec<usize> {
-        seen.rest(station, &samples(10)).iter().map(|plane| plane.position.x as usize).collect()
+        let all = samples(10);
+        let unmoved = seen.unmoved(station, &all);
+        unmoved.as_deref().unwrap_or(&all).iter().map(|plane| plane.position.x as usize).collect()
     }
 
     #[test]

@@ -164,6 +164,19 @@ impl View {
         Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, rays, image, shape, points })
     }
 
+    /// A station with these data, for tests of comparisons.
+    #[cfg(test)]
+    pub(super) fn for_test(
+        surfels: Surfels,
+        samples: Vec<Surfel>,
+        image: RangeImage,
+        shape: Shape,
+        points: Vec<Point>,
+    ) -> Self {
+        let (fine, image) = (samples.clone(), Some(image));
+        Self { surfels, fine, samples, plan: Plan::default(), rays: Rays::Central, image, shape, points }
+    }
+
     /// The indices of the planes of another station that rays of this one pass through.
     pub(super) fn through(&self, source: &[Surfel], own_from_source: Pose, margin: f64) -> Vec<usize> {
         let is_through = |surfel: &Surfel| {
