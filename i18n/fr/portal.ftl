@@ -223,9 +223,9 @@ controlNone = Choisir une station
 controlChoose = Afficher ces stations
 controlSame = Choisissez deux stations différentes.
 controlKinds = Images des deux stations
-controlScripts = Les points ne peuvent être marqués qu’avec des scripts, que ce navigateur n’exécute pas.
-controlHelp = Cliquez sur le même endroit dans les deux images, par exemple le coin d’une fenêtre ou d’une pierre. Agrandissez d’abord : plus c’est grand, plus c’est précis. Choisissez des endroits éloignés les uns des autres et à des hauteurs différentes.
-controlKeys = Au clavier : Tab mène à une image, + et − agrandissent et réduisent, les flèches déplacent l’image, Maj et les flèches déplacent la croix ; Entrée marque l’endroit sous la croix. Échap annule une paire marquée dans une seule image, Ctrl+Z annule la dernière action.
+controlScripts = Pour marquer des points, il faut JavaScript, qui est désactivé dans ce navigateur.
+controlHelp = Cliquez sur le même endroit dans les deux images, par exemple le coin d’une fenêtre ou d’une pierre. Agrandissez d’abord : plus l’image est agrandie, plus vous pouvez marquer avec précision. Choisissez des endroits éloignés les uns des autres et à des hauteurs différentes.
+controlKeys = Au clavier : Tab mène à une image, + et − agrandissent et réduisent, les flèches déplacent l’image, Maj et les flèches déplacent la croix ; Entrée marque l’endroit sous la croix. Échap abandonne un endroit marqué dans une seule image, Ctrl+Z annule la dernière action.
 controlFirst = Marquez un endroit dans une image, puis le même endroit dans l’autre.
 controlOther = Marquez le même endroit dans { $name }.
 controlNeed = { $count ->
@@ -233,10 +233,12 @@ controlNeed = { $count ->
         [many] Il manque encore { $count } de paires.
        *[other] Il manque encore { $count } paires.
     }
-controlLine = Les points sont alignés : ajoutez-en un à côté de la ligne.
+controlLine = Les points sont sur une même droite. Ajoutez-en un à l’écart de celle-ci.
 controlPair = Paire { $number }
-controlCheck = { $point } : écart de { $length }. À vérifier.
-controlFits = Les paires concordent ; le plus grand résidu est de { $length }. Chaque paire supplémentaire rend la pose plus sûre.
+controlCheck = { $point } ne concorde pas : résidu de { $length }. À vérifier.
+controlCheckThree = Les trois paires ne concordent pas (résidu jusqu’à { $length }) : vérifiez-les, ou ajoutez-en une quatrième.
+controlSuspect = à vérifier
+controlFits = Les paires concordent ; le plus grand résidu est de { $length }. Des paires supplémentaires rendent la pose plus fiable.
 controlReading = Lecture du point…
 controlEmpty = Il n’y a pas de point mesuré à cet endroit : le scanner n’y a rien mesuré, ou un masque le cache. Marquez un autre endroit.
 controlUnreachable = Le serveur ne répond pas. Vérifiez la connexion et rechargez cette page.
@@ -252,6 +254,7 @@ controlKnown = dans survey.toml
 controlEntries = Entrées pour survey.toml
 controlNext = Ajoutez ce texte à la fin de survey.toml, puis lancez kilwa register sur le dossier du levé.
 controlNextAgain = Ajoutez ce texte à la fin de survey.toml, puis lancez kilwa register avec --again sur le dossier du levé : sinon, les deux stations gardent la pose qu’elles ont.
+controlNextFixed = Les deux stations ont fixed = true dans survey.toml : le recalage ne change donc pas leur pose. Retirez-le de la station qui peut bouger, ajoutez ce texte à la fin de survey.toml, puis lancez kilwa register avec --again sur le dossier du levé.
 controlCopy = Copier
 controlCopied = Copié.
 controlCopyByHand = Le texte est sélectionné : copiez-le avec Ctrl+C.

@@ -223,9 +223,9 @@ controlNone = Escolher uma estação
 controlChoose = Mostrar estas estações
 controlSame = Escolha duas estações diferentes.
 controlKinds = Imagens das duas estações
-controlScripts = Os pontos só podem ser marcados com scripts, que este navegador não executa.
-controlHelp = Clique no mesmo lugar nas duas imagens, por exemplo no canto de uma janela ou de uma pedra. Amplie primeiro: quanto maior, mais exato. Escolha lugares afastados uns dos outros e a alturas diferentes.
-controlKeys = Com o teclado: Tab leva a uma imagem, + e − ampliam e reduzem, as setas movem a imagem, Shift e as setas movem a cruz; Enter marca o lugar sob a cruz. Escape cancela um par marcado só numa imagem, Ctrl+Z anula o último passo.
+controlScripts = Para marcar pontos é preciso JavaScript, que está desativado neste navegador.
+controlHelp = Clique no mesmo lugar nas duas imagens, por exemplo no canto de uma janela ou de uma pedra. Amplie primeiro: quanto mais ampliada a imagem, com mais precisão pode marcar. Escolha lugares afastados uns dos outros e a alturas diferentes.
+controlKeys = Com o teclado: Tab leva a uma imagem, + e − ampliam e reduzem, as setas movem a imagem, Shift e as setas movem a cruz; Enter marca o lugar sob a cruz. Escape descarta um lugar marcado só numa imagem, Ctrl+Z anula o último passo.
 controlFirst = Marque um lugar numa imagem e depois o mesmo lugar na outra.
 controlOther = Marque o mesmo lugar em { $name }.
 controlNeed = { $count ->
@@ -233,10 +233,12 @@ controlNeed = { $count ->
         [many] Faltam ainda { $count } de pares.
        *[other] Faltam ainda { $count } pares.
     }
-controlLine = Os pontos estão numa linha reta: acrescente um ao lado dela.
+controlLine = Os pontos estão numa linha reta. Acrescente um afastado dela.
 controlPair = Par { $number }
-controlCheck = { $point }: desvio de { $length }. Verifique.
-controlFits = Os pares concordam; o maior resíduo é de { $length }. Cada par adicional torna a pose mais certa.
+controlCheck = { $point } não concorda: resíduo de { $length }. Verifique.
+controlCheckThree = Os três pares não concordam entre si (resíduo até { $length }): verifique-os ou acrescente um quarto.
+controlSuspect = verificar
+controlFits = Os pares concordam; o maior resíduo é de { $length }. Mais pares tornam a pose mais fiável.
 controlReading = A ler o ponto…
 controlEmpty = Não há ponto medido neste lugar: o scanner não mediu nada ali, ou uma máscara esconde-o. Marque outro lugar.
 controlUnreachable = O servidor não responde. Verifique a ligação e recarregue esta página.
@@ -252,6 +254,7 @@ controlKnown = em survey.toml
 controlEntries = Entradas para survey.toml
 controlNext = Acrescente este texto no fim de survey.toml e execute kilwa register na pasta do levantamento.
 controlNextAgain = Acrescente este texto no fim de survey.toml e execute kilwa register com --again na pasta do levantamento: de outro modo, as duas estações mantêm a pose que têm.
+controlNextFixed = As duas estações têm fixed = true em survey.toml, por isso o registo não altera as suas poses. Retire-o da estação que pode mover-se, acrescente este texto no fim de survey.toml e execute kilwa register com --again na pasta do levantamento.
 controlCopy = Copiar
 controlCopied = Copiado.
 controlCopyByHand = O texto está selecionado: copie-o com Ctrl+C.

@@ -6,7 +6,7 @@
 /** The marks of a place, by the identities of the two stations. @typedef {Record<string, Mark>} Pair */
 /** @typedef {{ pairs: Pair[], half: { id: string, mark: Mark } | null }} Marked */
 /** A pair as the server names it. @typedef {{ name: string, label: string, at: [number, number, number][], residual: number | null, known: boolean }} Point */
-/** @typedef {{ pairs: Point[], known: Point[], state: "few" | "line" | "check" | "fits", missing: number, suspect: string | null, entries: string, again: boolean }} Fit */
+/** @typedef {{ pairs: Point[], known: Point[], state: "few" | "line" | "check" | "fits", missing: number, suspect: string | null, entries: string, again: boolean, fixed: boolean }} Fit */
 
 /** As many pairs as the server aligns. */
 const PAIRS_MAX = 64;
@@ -16,6 +16,8 @@ const PAST_MAX = 200;
 const WIDTH_MAX = 64;
 /** Pixels that a key moves the cross. */
 const STEP = 8;
+/** How long the address of a download stays valid, milliseconds. */
+const DOWNLOAD = 10_000;
 
 /** @template {Element} E @param {string} selector @param {new () => E} kind @param {ParentNode} [inside] */
 function find(selector, kind, inside = document) {
@@ -66,25 +68,37 @@ class Side {
     this.id = identity ?? "";
     /** Of the cross from the middle of the view, pixels. */
     this.offset = [0, 0];
-    // What ends a drag has been prevented.
-    frame.addEventListener("click", (event) => event.defaultPrevented || pick(this, event.clientX, event.clientY));
+    frame.addEventListener("click", (event) => {
+      // The click at the end of a drag has been prevented; a double click marks one place.
+      if (!event.defaultPrevented && event.detail <= 1) pick(this, event.clientX, event.clientY);
+    });
     frame.addEventListener("keydown", (event) => this.#key(event, pick));
+    // The cross stays in view when the frame gets smaller.
+    new ResizeObserver(() => this.#move(0, 0)).observe(frame);
   }
 
   /** @param {KeyboardEvent} event @param {(side: Side, x: number, y: number) => void} pick */
   #key(event, pick) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const box = this.frame.getBoundingClientRect();
     if (event.key === "Enter") {
       event.preventDefault();
+      if (event.repeat) return;
+      this.#move(0, 0);
+      const box = this.frame.getBoundingClientRect();
       pick(this, box.left + box.width / 2 + this.offset[0], box.top + box.height / 2 + this.offset[1]);
     }
     const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     // Without Shift these keys move the picture.
     if (!step || !event.shiftKey) return;
     event.preventDefault();
-    const reach = [box.width / 2 - 2, box.height / 2 - 2];
-    this.offset = this.offset.map((at, k) => Math.min(reach[k], Math.max(-reach[k], at + STEP * step[k])));
+    this.#move(STEP * step[0], STEP * step[1]);
+  }
+
+  /** Move the cross, but not out of the frame, whose size may have changed. @param {number} right @param {number} down */
+  #move(right, down) {
+    const { width, height } = this.frame.getBoundingClientRect();
+    const reach = [width, height].map((size) => Math.max(0, size / 2 - 2));
+    this.offset = [right, down].map((by, k) => Math.min(reach[k], Math.max(-reach[k], this.offset[k] + by)));
     this.cross.style.translate = `${this.offset[0]}px ${this.offset[1]}px`;
   }
 
@@ -129,32 +143,49 @@ class Page {
     this.past = [];
     /** @type {Fit | null} */
     this.fit = null;
-    /** The last request for a sample and for a fit: earlier answers are not used. */
-    this.asked = { sample: 0, fit: 0 };
+    /** The last request for a fit: earlier answers are not used. */
+    this.asked = 0;
+    this.isFitting = false;
+    /** Places are read one after the other, so that quick clicks become pairs in their order. @type {Promise<void>} */
+    this.queue = Promise.resolve();
+    /** Places that wait or are being read. */
+    this.reading = 0;
+    /** Places that were marked in an earlier epoch are discarded. */
+    this.epoch = 0;
+    /** Why the last place could not be marked. */
+    this.notice = "";
+    /** Why the pairs could not be aligned. */
+    this.trouble = "";
     this.next = find(".next", HTMLElement, root);
     this.undo = find(".undo", HTMLButtonElement, root);
     this.rows = find("tbody", HTMLElement, root);
     this.entries = find(".entries", HTMLElement, root);
     this.text = find("textarea", HTMLTextAreaElement, this.entries);
+    this.actions = [".copy", ".download"].map((name) => find(name, HTMLButtonElement, this.entries));
     this.#listen();
     for (const hidden of root.querySelectorAll(".guide, .help")) if (hidden instanceof HTMLElement) hidden.hidden = false;
-    this.#show();
     this.#fit();
+    this.#show();
   }
 
   #listen() {
-    // Somebody who comes back may have changed survey.toml.
-    addEventListener("focus", () => this.#fit());
+    addEventListener("focus", () => {
+      // Somebody who comes back may have changed survey.toml. A place that is being read leads to a request anyway.
+      if (!this.reading) this.#fit();
+    });
     this.undo.addEventListener("click", () => this.#undo());
-    find(".copy", HTMLButtonElement, this.entries).addEventListener("click", () => this.#copy());
-    find(".download", HTMLButtonElement, this.entries).addEventListener("click", () => this.#download());
+    const [copy, download] = this.actions;
+    copy.addEventListener("click", () => this.#copy());
+    download.addEventListener("click", () => this.#download());
     document.addEventListener("keydown", (event) => {
       const isUndo = (event.ctrlKey || event.metaKey) && !event.shiftKey && !event.altKey && event.key.toLowerCase() === "z";
       if (isUndo) {
         event.preventDefault();
         this.#undo();
-      } else if (event.key === "Escape" && this.marked.half) {
-        this.#change({ ...this.marked, half: null });
+      } else if (event.key === "Escape") {
+        this.#discard();
+        if (this.marked.half) this.#change({ ...this.marked, half: null });
+        else this.#guide();
       }
     });
   }
@@ -163,7 +194,8 @@ class Page {
   #load() {
     try {
       const kept = JSON.parse(sessionStorage.getItem(this.key) ?? "");
-      const isMark = (/** @type {Mark | undefined} */ mark) => [...(mark?.cell ?? []), ...(mark?.at ?? []), mark?.sigma].every(Number.isFinite);
+      const isMark = (/** @type {Mark | undefined} */ mark) =>
+        mark?.cell?.length === 2 && mark.at?.length === 3 && [...mark.cell, ...mark.at, mark.sigma].every(Number.isFinite);
       const pairs = kept.pairs.filter((/** @type {Pair} */ pair) => this.sides.every((side) => isMark(pair[side.id])));
       return { pairs, half: kept.half && isMark(kept.half.mark) ? kept.half : null };
     } catch {
@@ -183,33 +215,60 @@ class Page {
   #set(marked) {
     const { pairs } = this.marked;
     this.marked = marked;
-    // A sample that is still read was for what was marked before.
-    this.asked.sample += 1;
+    this.notice = "";
     try {
       sessionStorage.setItem(this.key, JSON.stringify(marked));
     } catch {
       // The browser keeps nothing: the marks are there until the page is left.
     }
+    if (JSON.stringify(pairs) !== JSON.stringify(marked.pairs)) {
+      // Names and residuals of other pairs would be shown.
+      this.fit = null;
+      this.#fit();
+    }
     this.#show();
-    if (JSON.stringify(pairs) !== JSON.stringify(marked.pairs)) this.#fit();
+  }
+
+  /** Places that wait or are being read are not marked. */
+  #discard() {
+    this.epoch += 1;
+    this.reading = 0;
   }
 
   #undo() {
+    const isReading = this.reading > 0;
+    this.#discard();
+    // What is being read was the last step.
+    if (isReading) return this.#guide();
     const before = this.past.pop();
     if (before) this.#set(JSON.parse(before));
   }
 
   /** Mark the sample at a place of the window. @param {Side} side @param {number} x @param {number} y */
-  async #pick(side, x, y) {
+  #pick(side, x, y) {
+    // The picture may have been moved when its turn comes.
     const place = side.cellAt(x, y);
     if (!place) return;
-    if (this.marked.pairs.length >= PAIRS_MAX) return this.#state(message("controlMany", { count: PAIRS_MAX }));
-    this.asked.sample += 1;
-    const own = this.asked.sample;
-    this.#state(message("controlReading"));
-    const found = await sampleAt(side.name, place);
-    if (own !== this.asked.sample) return;
-    if ("reason" in found) return this.#state(found.reason);
+    const { epoch } = this;
+    this.notice = "";
+    this.reading += 1;
+    this.#guide();
+    this.queue = this.queue.then(() => this.#read(side, place, epoch));
+  }
+
+  /** @param {Side} side @param {{ cell: [number, number], width: number }} place @param {number} epoch when it was marked */
+  async #read(side, place, epoch) {
+    if (epoch !== this.epoch) return;
+    const isFull = this.marked.pairs.length >= PAIRS_MAX;
+    const found = isFull ? { reason: message("controlMany", { count: PAIRS_MAX }) } : await sampleAt(side.name, place);
+    if (epoch !== this.epoch) return;
+    if ("reason" in found) {
+      // Without this place, those that were marked after it would be paired with the wrong ones.
+      this.#discard();
+      this.notice = found.reason;
+      return this.#guide();
+    }
+    this.reading -= 1;
     const { pairs, half } = this.marked;
     // Marked again in the same picture: it was the wrong place.
     if (!half || half.id === side.id) return this.#change({ pairs, half: { id: side.id, mark: found } });
@@ -217,8 +276,9 @@ class Page {
   }
 
   async #fit() {
-    this.asked.fit += 1;
-    const own = this.asked.fit;
+    this.asked += 1;
+    this.isFitting = true;
+    const own = this.asked;
     const [a, b] = this.sides;
     const mark = (/** @type {Mark} */ { at, sigma }) => ({ at, sigma });
     const pairs = this.marked.pairs.map((pair) => ({ a: mark(pair[a.id]), b: mark(pair[b.id]) }));
@@ -235,9 +295,11 @@ class Page {
     } catch {
       // The reason is given above.
     }
-    if (own !== this.asked.fit) return;
+    if (own !== this.asked) return;
+    this.isFitting = false;
     this.fit = fit;
-    this.#show(fit ? "" : reason);
+    this.trouble = fit ? "" : reason;
+    this.#show();
   }
 
   /** The label of a pair: as the server names it, or its number until it has. @param {number} number */
@@ -245,8 +307,7 @@ class Page {
     return this.fit?.pairs[number]?.label ?? String(number + 1);
   }
 
-  /** @param {string} [trouble] what went wrong, before what to do next */
-  #show(trouble = "") {
+  #show() {
     const { pairs, half } = this.marked;
     for (const side of this.sides) {
       const marks = pairs.map((pair, k) => {
@@ -256,40 +317,43 @@ class Page {
       if (half?.id === side.id) marks.push({ label: "?", mark: half.mark, kind: "half" });
       side.show(marks);
     }
-    this.undo.disabled = !this.past.length;
     this.#rows();
     this.#entries();
-    this.#state([trouble, this.#advice()].filter(Boolean).join(" "));
+    this.#guide();
   }
 
-  /** @param {string} text */
-  #state(text) {
+  /** The line above the pictures. */
+  #guide() {
+    setAvailable(this.undo, this.past.length > 0 || this.reading > 0);
+    const parts = this.reading ? [message("controlReading")] : [this.trouble, this.notice, this.#advice()];
+    const text = parts.filter(Boolean).join(" ");
     // The same text again would be read out again.
     if (this.next.textContent !== text) this.next.textContent = text;
     this.next.classList.toggle("check", !this.marked.half && (this.fit?.state === "check" || this.fit?.state === "line"));
   }
 
-  /** What to do next. */
+  /** What to do next; nothing while changed pairs are being aligned. */
   #advice() {
     const { half } = this.marked;
     const other = half && this.sides.find((side) => side.id !== half.id);
     if (other) return message("controlOther", { name: other.name });
     const { fit } = this;
-    if (!fit) return this.marked.pairs.length ? "" : message("controlFirst");
+    if (!fit) return this.isFitting || this.marked.pairs.length ? "" : message("controlFirst");
     const points = [...fit.pairs, ...fit.known];
     if (fit.state === "few") return `${message(`controlNeed${fit.missing}`)} ${message("controlFirst")}`;
     if (fit.state === "line") return message("controlLine");
+    const largest = length(Math.max(...points.map((point) => point.residual ?? 0)));
+    if (fit.state === "fits") return message("controlFits", { length: largest });
     const suspect = points.find((point) => point.name === fit.suspect);
-    if (suspect) {
-      const point = suspect.label === suspect.name ? suspect.name : message("controlPair", { number: suspect.label });
-      return message("controlCheck", { point, length: length(suspect.residual ?? 0) });
-    }
-    return message("controlFits", { length: length(Math.max(...points.map((point) => point.residual ?? 0))) });
+    if (!suspect) return message("controlCheckThree", { length: largest });
+    const point = suspect.label === suspect.name ? suspect.name : message("controlPair", { number: suspect.label });
+    return message("controlCheck", { point, length: length(suspect.residual ?? 0) });
   }
 
   #rows() {
     const { pairs } = this.marked;
     const known = this.fit?.known ?? [];
+    const held = [...this.rows.querySelectorAll("button")].findIndex((button) => button.matches(":focus"));
     find(".marked-pairs", HTMLElement, root).hidden = !pairs.length && !known.length;
     const rows = pairs.map((pair, k) => {
       const point = this.fit?.pairs[k];
@@ -297,6 +361,13 @@ class Page {
       return this.#row({ label: this.#label(k), name: point?.name ?? this.#label(k), at, residual: point?.residual ?? null, known: point?.known ?? false }, k);
     });
     this.rows.replaceChildren(...rows, ...known.map((point) => this.#row(point)));
+    if (held >= 0) this.#focus(held);
+  }
+
+  /** Focus the button of a pair, or what is nearest to it. @param {number} number */
+  #focus(number) {
+    const buttons = this.rows.querySelectorAll("button");
+    (buttons[Math.min(number, buttons.length - 1)] ?? this.undo).focus({ preventScroll: true });
   }
 
   /** A line of the table; only pairs that were marked here have a number, and can be removed. @param {Point} point @param {number} [number] */
@@ -316,6 +387,9 @@ class Page {
       cell.append(value);
       return cell;
     });
+    const isSuspect = this.fit?.suspect === point.name;
+    // Not by colour alone.
+    if (isSuspect) data[data.length - 1].append(` · ${message("controlSuspect")}`);
     const last = element("td");
     if (number !== undefined) {
       const button = element("button", message("controlRemove"), "button outlined");
@@ -324,7 +398,7 @@ class Page {
       button.addEventListener("click", () => this.#remove(number));
       last.append(button);
     }
-    const row = element("tr", "", this.fit?.suspect === point.name ? "suspect" : "");
+    const row = element("tr", "", isSuspect ? "suspect" : "");
     row.setAttribute("role", "row");
     for (const cell of [...data, last]) cell.setAttribute("role", "cell");
     row.append(head, ...data, last);
@@ -333,22 +407,31 @@ class Page {
 
   /** @param {number} number */
   #remove(number) {
+    this.#discard();
     this.#change({ ...this.marked, pairs: this.marked.pairs.filter((_, k) => k !== number) });
-    // The focus stays near the button that is gone.
-    const left = this.rows.querySelectorAll("button");
-    (left[Math.min(number, left.length - 1)] ?? this.undo).focus();
+    // The focus stays near the button that is gone, which not every browser focuses when it is clicked.
+    this.#focus(number);
   }
 
   #entries() {
-    const text = this.fit?.entries ?? "";
-    this.entries.hidden = !text;
+    const { fit } = this;
+    const text = fit?.entries ?? "";
+    // While changed pairs are being aligned, the section stays as it is, so that nothing below it jumps, but the old entries cannot be copied.
+    const isWaiting = !fit && this.isFitting;
+    if (!isWaiting) {
+      if (!text && this.entries.contains(document.activeElement)) this.undo.focus({ preventScroll: true });
+      this.entries.hidden = !text;
+    }
+    for (const button of this.actions) setAvailable(button, Boolean(text));
     // What is selected stays selected.
     if (this.text.value !== text) this.text.value = text;
-    find(".what-next", HTMLElement, this.entries).textContent = message(this.fit?.again ? "controlNextAgain" : "controlNext");
+    const next = fit?.fixed ? "controlNextFixed" : fit?.again ? "controlNextAgain" : "controlNext";
+    if (!isWaiting) find(".what-next", HTMLElement, this.entries).textContent = message(next);
     find(".copied", HTMLElement, this.entries).textContent = "";
   }
 
   async #copy() {
+    if (!this.text.value) return;
     const copied = find(".copied", HTMLElement, this.entries);
     try {
       await navigator.clipboard.writeText(this.text.value);
@@ -362,14 +445,20 @@ class Page {
   }
 
   #download() {
+    if (!this.text.value) return;
     const address = URL.createObjectURL(new Blob([this.text.value], { type: "application/toml" }));
     const link = document.createElement("a");
     link.href = address;
     link.download = `control-${this.sides.map((side) => side.name).join("-")}.toml`;
     link.click();
-    // The browser has read the address when the click has ended.
-    setTimeout(() => URL.revokeObjectURL(address), 0);
+    // Some browsers read it only after the click, and would cancel the download.
+    setTimeout(() => URL.revokeObjectURL(address), DOWNLOAD);
   }
+}
+
+/** Unlike a disabled button, one that is not available keeps the focus. @param {HTMLElement} button @param {boolean} isAvailable */
+function setAvailable(button, isAvailable) {
+  button.setAttribute("aria-disabled", String(!isAvailable));
 }
 
 /** @param {Response} answer */

@@ -23,7 +23,10 @@ class Zoom {
     this.part = Number(part);
     this.address = parts;
     this.closest = Number(closest);
-    /** Where the wheel was turned, and which share of the content was there, until the pointer moves. @type {{ at: [number, number], share: number[] } | null} */
+    /**
+     * Where the wheel was turned, which share of the content was there, and which one is there after the zoom; until the pointer or the content is moved.
+     * @type {{ at: [number, number], share: number[], after: number[] } | null}
+     */
     this.anchor = null;
     /** The request for the next frame, in which parts are shown; 0 where there is none. */
     this.planned = 0;
@@ -36,7 +39,12 @@ class Zoom {
     for (const button of this.tools?.querySelectorAll("button") ?? []) button.addEventListener("click", () => this.#do(button.dataset.zoom));
     if (this.tools instanceof HTMLElement) this.tools.hidden = false;
     frame.classList.add("fitted");
-    new ResizeObserver(() => this.#fit()).observe(frame);
+    new ResizeObserver(() => {
+      const anchor = this.#anchorAt(this.anchor?.at);
+      this.#fit();
+      // Scroll bars that have just appeared have moved nothing.
+      if (anchor) anchor.after = this.#share(...anchor.at);
+    }).observe(frame);
     this.#fit();
   }
 
@@ -104,12 +112,23 @@ class Zoom {
     if (event.deltaY > 0 && this.by === 1) return;
     event.preventDefault();
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-    const { clientX: x, clientY: y } = event;
+    /** @type {[number, number]} */
+    const at = [event.clientX, event.clientY];
     // While the frame grows, what is at the pointer cannot stay there, but it comes back with the next turns.
-    const isSame = this.anchor && Math.abs(this.anchor.at[0] - x) + Math.abs(this.anchor.at[1] - y) < 2;
-    const anchor = isSame && this.anchor ? this.anchor : { at: /** @type {[number, number]} */ ([x, y]), share: this.#share(x, y) };
-    this.anchor = anchor;
+    const anchor = this.#anchorAt(at) ?? { at, share: this.#share(...at), after: [] };
     this.#around(Math.exp(-event.deltaY * lines * (event.ctrlKey ? 0.01 : 0.002)), anchor.at, anchor.share);
+    anchor.after = this.#share(...anchor.at);
+    this.anchor = anchor;
+  }
+
+  /** The anchor, if it is at this place of the window and the content was not moved since, for example with scroll bars or arrow keys. */
+  #anchorAt(/** @type {[number, number] | undefined} */ at) {
+    const { anchor } = this;
+    if (!anchor || !at || Math.abs(anchor.at[0] - at[0]) + Math.abs(anchor.at[1] - at[1]) >= 2) return null;
+    const { width, height } = this.content.getBoundingClientRect();
+    const share = this.#share(...anchor.at);
+    const isMoved = [width, height].some((size, k) => Math.abs(share[k] - anchor.after[k]) * size >= 2);
+    return isMoved ? null : anchor;
   }
 
   #key(/** @type {KeyboardEvent} */ event) {

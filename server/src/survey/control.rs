@@ -143,7 +143,7 @@ pub(super) async fn sample(
     if routes::is_known(&etag, &headers) {
         return routes::unchanged(&etag);
     }
-    // How the picture lies is known when it is drawn, whatever it shows; the page shows this one first.
+    // The orientation of the picture is determined when it is drawn, whatever it shows; the page shows this one first.
     let show = usual_of(&station, &facts).unwrap_or(Show::Range);
     let frame = match pictures::whole(&surveyed, &station, &facts, show).await {
         Ok(drawn) => drawn.frame,
@@ -191,7 +191,7 @@ fn rounded(value: f64, per_metre: f64) -> f64 {
 fn sigma(spacing: Option<f32>, width: u32) -> f64 {
     let [min, unknown, max] = SIGMA;
     let half = spacing.map_or(unknown, |spacing| 0.5 * f64::from(spacing) * f64::from(width));
-    // What is a millimetre more only by the rounding of the coordinates is not.
+    // Do not round up what is only the rounding of the coordinates.
     ((half * 1000.0 - 1e-3).ceil() / 1000.0).clamp(min, max)
 }
 
@@ -254,16 +254,18 @@ struct Answer {
     pairs: Vec<Point>,
     /// The other control points of both stations in `survey.toml`, by name.
     known: Vec<Point>,
-    /// `few`: more pairs are needed; `line`: they are collinear; `check`: one does not fit; `fits`.
+    /// `few`: more pairs are needed; `line`: they are collinear; `check`: they do not fit each other; `fits`.
     state: &'static str,
     /// How many pairs are missing to three.
     missing: usize,
-    /// The name of the pair that is most likely wrong.
+    /// The name of the pair that is most likely wrong. Of three pairs, none can be singled out.
     suspect: Option<String>,
     /// Entries of the marked pairs that are not in `survey.toml` yet.
     entries: String,
     /// Whether both stations would keep their poses unless all are registered again.
     again: bool,
+    /// Whether both are fixed in `survey.toml`: registering again does not change their poses either.
+    fixed: bool,
 }
 
 #[derive(Serialize)]
@@ -332,15 +334,17 @@ impl Answer {
                 known,
             })
             .collect();
-        let suspect = alignment.as_ref().and_then(|found| found.suspect).map(|k| points[k].name.clone());
-        let keeps_pose = |station: &Station| {
-            station.pose.is_some() && station.is_fixed || registration.is_some_and(|found| found.of(station).is_some())
-        };
+        let wrong = alignment.as_ref().and_then(|found| found.suspect);
+        // Without one of three pairs, too few are left for an alignment.
+        let suspect = wrong.filter(|_| all.len() > MIN_POINTS).map(|k| points[k].name.clone());
+        let keeps_pose =
+            |station: &Station| station.is_fixed || registration.is_some_and(|found| found.of(station).is_some());
+        let is_fixed = a.is_fixed && b.is_fixed;
         Self {
             state: match &alignment {
                 None if all.len() < MIN_POINTS => "few",
                 None => "line",
-                Some(_) if suspect.is_some() => "check",
+                Some(_) if wrong.is_some() => "check",
                 Some(_) => "fits",
             },
             missing: MIN_POINTS.saturating_sub(all.len()),
@@ -348,7 +352,8 @@ impl Answer {
             known: points.split_off(pairs.len()),
             pairs: points,
             entries: entries([a, b], &new),
-            again: keeps_pose(a) && keeps_pose(b),
+            again: keeps_pose(a) && keeps_pose(b) && !is_fixed,
+            fixed: is_fixed,
         }
     }
 }

@@ -10,6 +10,7 @@ use crate::portal::language::Language;
 use askama::Template;
 use kilwa_archive::html::render;
 use kilwa_scan::panorama::Show;
+use kilwa_scan::spool::Header;
 use kilwa_scan::survey::{Station, Survey};
 use std::sync::Arc;
 
@@ -57,7 +58,7 @@ struct Side<'a> {
     address: String,
     /// Of the column with its coordinates.
     heading: String,
-    /// Tells this scan from others, also from one of the same name.
+    /// Distinguishes this scan from others, even of the same name.
     identity: String,
     picture: Result<Panorama, String>,
 }
@@ -123,24 +124,40 @@ pub(super) fn page(
 fn side<'a>(side: &'static str, one: &Chosen<'a>, survey: &Survey, reader: &Reader<'_>) -> Side<'a> {
     let station = one.station;
     let picture = one.picture.clone();
-    let mut hash = blake3::Hasher::new();
-    for text in [&station.name, &station.source.blake3, &station.source.number.to_string()] {
-        hash.update(&(text.len() as u64).to_le_bytes());
-        hash.update(text.as_bytes());
-    }
     Side {
         side,
         name: &station.name,
         address: address(&station.name, reader),
         heading: reader.language.with("controlIn", &[("name", station.name.as_str())]),
-        identity: hash.finalize().to_hex()[..16].to_owned(),
+        identity: identity(station, one.facts),
         picture: picture.map(|drawn| panorama(&drawn, station, one.facts, one.show, survey, reader.language)),
     }
 }
 
-/// What the script says, as JSON; it puts values in the place of names in braces.
+/// See [`Side::identity`]. The same source imported again, in other units for example, has other coordinates: what was marked before is not used then.
+fn identity(station: &Station, facts: &Facts) -> String {
+    let mut hash = blake3::Hasher::new();
+    for text in [&station.name, &station.source.blake3, &station.source.number.to_string()] {
+        hash.update(&(text.len() as u64).to_le_bytes());
+        hash.update(text.as_bytes());
+    }
+    if let Ok(Header { grid, statistics, .. }) = &facts.header {
+        for size in [grid.columns, grid.rows, u32::from(grid.by_rows)] {
+            hash.update(&size.to_le_bytes());
+        }
+        hash.update(&statistics.measured.to_le_bytes());
+        for corner in statistics.bounds {
+            for coordinate in corner.to_array() {
+                hash.update(&coordinate.to_le_bytes());
+            }
+        }
+    }
+    hash.finalize().to_hex()[..16].to_owned()
+}
+
+/// The script's messages, as JSON; the script replaces names in braces with values.
 fn messages(l: &'static Language) -> String {
-    const PLAIN: [&str; 11] = [
+    const PLAIN: [&str; 13] = [
         "controlFirst",
         "controlLine",
         "controlReading",
@@ -152,6 +169,8 @@ fn messages(l: &'static Language) -> String {
         "controlCopyByHand",
         "controlNext",
         "controlNextAgain",
+        "controlNextFixed",
+        "controlSuspect",
     ];
     let filled = |key: &'static str, names: &[&'static str]| {
         let braces: Vec<String> = names.iter().map(|name| format!("{{{name}}}")).collect();
@@ -162,6 +181,7 @@ fn messages(l: &'static Language) -> String {
         filled("controlOther", &["name"]),
         filled("controlPair", &["number"]),
         filled("controlCheck", &["point", "length"]),
+        filled("controlCheckThree", &["length"]),
         filled("controlFits", &["length"]),
         filled("controlFailed", &["reason"]),
         filled("controlRemoveName", &["name"]),
