@@ -23,7 +23,7 @@ pub struct Picked {
     pub spacing: Option<f32>,
 }
 
-/// The sample of a cell of the picture, or the nearest one in an area of `width` × `width` cells around it, which somebody sees as one pixel. In the picture of a point
+/// The sample of a cell of the picture, or the nearest one at most half of `width` cells away: the reader sees these cells as one pixel. In the picture of a point
 /// cloud, the nearest point in each pixel. `None` if nothing was measured there, or if masks that are applied hide it.
 ///
 /// `cell` is in pixels of [`Frame::size`]; `frame` is that of the station's picture ([`super::render`]); `width` is 1 to [`WIDTH_MAX`], other values are limited to that.
