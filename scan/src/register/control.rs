@@ -142,7 +142,7 @@ pub struct Alignment {
 /// Align the second points of pairs with the first, as the registration of two stations from control points does. Returns `None` if there are fewer than three pairs,
 /// if the points are collinear in either station, or if a coordinate is not finite.
 pub fn align_points(pairs: &[PointPair]) -> Option<Alignment> {
-    let pose = pose_of(pairs.iter())?;
+    let pose = pose_of(pairs)?;
     let residuals: Vec<f64> = pairs.iter().map(|pair| pair.distance(pose)).collect();
     Some(Alignment { suspect: suspect(pairs, pose), residuals })
 }
@@ -158,12 +158,12 @@ pub fn common_points(survey: &Survey, a: &Station, b: &Station) -> Vec<(String, 
     controls.points.into_iter().filter_map(|(name, all)| Some((name, pair(&all)?))).collect()
 }
 
-fn pose_of<'a>(pairs: impl Iterator<Item = &'a PointPair> + Clone) -> Option<Pose> {
-    if pairs.clone().any(|pair| pair.at.iter().any(|at| !at.is_finite())) {
+fn pose_of(pairs: &[PointPair]) -> Option<Pose> {
+    if pairs.iter().any(|pair| pair.at.iter().any(|at| !at.is_finite())) {
         return None;
     }
     let [forwards, backwards]: [Vec<(DVec3, DVec3)>; 2] =
-        [[0, 1], [1, 0]].map(|[to, from]| pairs.clone().map(|pair| (pair.at[to], pair.at[from])).collect());
+        [[0, 1], [1, 0]].map(|[to, from]| pairs.iter().map(|pair| (pair.at[to], pair.at[from])).collect());
     rigid(&backwards)?;
     rigid(&forwards)
 }
@@ -175,9 +175,10 @@ fn suspect(pairs: &[PointPair], pose: Pose) -> Option<usize> {
         return None;
     }
     let without = |k: usize| {
-        let others = pairs.iter().enumerate().filter(move |(other, _)| *other != k).map(|(_, pair)| pair);
-        let pose = pose_of(others.clone())?;
-        Some(others.map(|pair| excess(pose, pair)).fold(0.0, f64::max))
+        let mut others = pairs.to_vec();
+        others.remove(k);
+        let pose = pose_of(&others)?;
+        Some(others.iter().map(|pair| excess(pose, pair)).fold(0.0, f64::max))
     };
     let fits = (0..pairs.len()).filter_map(|k| Some((k, without(k)?))).min_by(|a, b| a.1.total_cmp(&b.1));
     let largest = || {

@@ -312,13 +312,13 @@ impl Answer {
         for pair in pairs {
             // What was marked and then entered in survey.toml is there under a name, perhaps another one.
             let entered = others.iter().position(|(_, other)| is_same(pair, other));
-            marked.push(match entered.map(|k| others.remove(k)) {
-                Some((name, _)) => (name, true),
-                None => {
-                    new.push((names.of(new.len()), *pair));
-                    (names.of(new.len() - 1), false)
-                }
-            });
+            if let Some(entered) = entered {
+                marked.push((others.remove(entered).0, true));
+            } else {
+                let name = names.of(new.len());
+                marked.push((name.clone(), false));
+                new.push((name, *pair));
+            }
         }
         let all: Vec<PointPair> = pairs.iter().copied().chain(others.iter().map(|(_, pair)| *pair)).collect();
         let alignment = align_points(&all);

@@ -53,7 +53,8 @@ struct Choice<'a> {
 
 /// The picture of a station.
 struct Side<'a> {
-    side: &'static str,
+    /// `a` or `b`.
+    key: &'static str,
     name: &'a str,
     address: String,
     /// Of the column with its coordinates.
@@ -121,11 +122,11 @@ pub(super) fn page(
     })
 }
 
-fn side<'a>(side: &'static str, one: &Chosen<'a>, survey: &Survey, reader: &Reader<'_>) -> Side<'a> {
+fn side<'a>(key: &'static str, one: &Chosen<'a>, survey: &Survey, reader: &Reader<'_>) -> Side<'a> {
     let station = one.station;
     let picture = one.picture.clone();
     Side {
-        side,
+        key,
         name: &station.name,
         address: address(&station.name, reader),
         heading: reader.language.with("controlIn", &[("name", station.name.as_str())]),
