@@ -3,7 +3,7 @@
 use crate::support::{Site, ptx_header, seen_from};
 use glam::DVec2;
 use kilwa_scan::mask::{self, Recipe, Request, make};
-use kilwa_scan::panorama::{Show, WIDTH_MAX, Window, pick, render, render_part};
+use kilwa_scan::panorama::{Picture, Show, WIDTH_MAX, Window, pick, render, render_part};
 use kilwa_scan::read::ReadOptions;
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::Survey;
@@ -24,16 +24,28 @@ fn walls(header: &str) -> String {
     text
 }
 
-#[test]
-fn parts_of_a_picture_make_up_the_whole() {
+/// A survey with the stations `grid` and `cloud`, which saw the same walls.
+fn both_forms() -> Site {
     let site = Site::new();
     let grid = site.write("grid.ptx", walls(&ptx_header(90, 30, [0.0; 3])));
     let cloud = site.write("cloud.xyz", walls(""));
     site.import(&[grid], ReadOptions::default()).unwrap();
     site.import(&[cloud], seen_from(0.0, 0.0, 0.0)).unwrap();
+    site
+}
+
+/// A station, and its range picture with every cell.
+fn picture(site: &Site, name: &str) -> (Reader, Picture) {
+    let mut reader = Reader::open(&site.survey().join(format!("stations/{name}.scan"))).unwrap();
+    let whole = render(&mut reader, Show::Range, &mut [], 4096).unwrap();
+    (reader, whole)
+}
+
+#[test]
+fn parts_of_a_picture_make_up_the_whole() {
+    let site = both_forms();
     for name in ["grid", "cloud"] {
-        let mut reader = Reader::open(&site.survey().join(format!("stations/{name}.scan"))).unwrap();
-        let whole = render(&mut reader, Show::Range, &mut [], 4096).unwrap();
+        let (mut reader, whole) = picture(&site, name);
         let [width, height] = whole.frame.size;
         assert_eq!((whole.width, whole.height), (width, height), "{name}");
         let mut pixels = vec![0; whole.pixels.len()];
@@ -57,14 +69,9 @@ fn parts_of_a_picture_make_up_the_whole() {
 
 #[test]
 fn a_place_in_a_picture_is_the_sample_that_is_drawn_there() {
-    let site = Site::new();
-    let grid = site.write("grid.ptx", walls(&ptx_header(90, 30, [0.0; 3])));
-    let cloud = site.write("cloud.xyz", walls(""));
-    site.import(&[grid], ReadOptions::default()).unwrap();
-    site.import(&[cloud], seen_from(0.0, 0.0, 0.0)).unwrap();
+    let site = both_forms();
     for name in ["grid", "cloud"] {
-        let mut reader = Reader::open(&site.survey().join(format!("stations/{name}.scan"))).unwrap();
-        let whole = render(&mut reader, Show::Range, &mut [], 4096).unwrap();
+        let (mut reader, whole) = picture(&site, name);
         let [width, height] = whole.frame.size;
         let mut measured = 0;
         for (column, row) in (0..width).flat_map(|column| (0..height).map(move |row| (column, row))) {
@@ -113,8 +120,7 @@ fn near_a_place_without_a_sample_the_nearest_one_is_found() {
     }
     let grid = site.write("grid.ptx", text);
     site.import(&[grid], ReadOptions::default()).unwrap();
-    let mut reader = Reader::open(&site.survey().join("stations/grid.scan")).unwrap();
-    let frame = render(&mut reader, Show::Range, &mut [], 4096).unwrap().frame;
+    let (mut reader, Picture { frame, .. }) = picture(&site, "grid");
     let mut at = |column: u32, width: u32| pick(&mut reader, &frame, [column, 10], width).unwrap();
     assert!(at(30, 1).is_some() && at(31, 1).is_none() && at(31, 0).is_none());
     assert_eq!(at(31, 2).unwrap().cell, [30, 10]);

@@ -226,13 +226,13 @@ async function markBoth(page, [column, row], off = 0) {
   await page.mouse.click(...(await (await aimAtHall(page, [column + off, row]))()));
 }
 
-/** The page of the two stations, with three pairs. The tests after the first continue on it: marking takes long, and the browser keeps marks for a tab only. */
-let marking;
+/** The page of the two stations, and three pairs marked on it. Tests share it, and leave it as it was: marking takes long, and the browser keeps marks for a tab only. */
+const marking = () => (marked ??= markThree());
+let marked;
 
-test("the same places are marked in two stations, checked, and exported for survey.toml", async () => {
-  marking = await look("/stations/yard/", { size: [1280, 1000], permissions: ["clipboard-read", "clipboard-write"] });
-  const { page } = marking;
-  const rows = rowsOf(page);
+async function markThree() {
+  const opened = await look("/stations/yard/", { size: [1280, 1000], permissions: ["clipboard-read", "clipboard-write"] });
+  const { page } = opened;
   await page.getByRole("link", { name: "Mark control points" }).click();
   await page.getByLabel("Second station").selectOption("hall");
   await page.getByRole("button", { name: "Show these stations" }).click();
@@ -240,9 +240,17 @@ test("the same places are marked in two stations, checked, and exported for surv
   await says(page, "3 more pairs are needed.");
   for (const [k, place] of PLACES.slice(0, 3).entries()) {
     await markBoth(page, place);
-    await rows.nth(k + 1).waitFor();
+    await rowsOf(page)
+      .nth(k + 1)
+      .waitFor();
   }
   await says(page, "The pairs fit each other");
+  return opened;
+}
+
+test("the same places are marked in two stations, checked, and exported for survey.toml", async () => {
+  const { page } = await marking();
+  const rows = rowsOf(page);
   for (const k of [1, 2, 3])
     assert.match(await rows.nth(k).getByRole("cell").nth(2).innerText(), /^\d\.\d mm$/, "cells of both grids that lie in the same direction");
   const entries = page.getByRole("textbox", { name: "Entries for survey.toml" });
@@ -260,7 +268,7 @@ test("the same places are marked in two stations, checked, and exported for surv
 });
 
 test("a wrong pair is named, steps are undone, and quick clicks are not lost", async () => {
-  const { page } = marking;
+  const { page } = await marking();
   const rows = rowsOf(page);
   await markBoth(page, PLACES[3], -24);
   await says(page, /Pair 4 does not fit: its residual is \d/);
@@ -299,7 +307,7 @@ test("a wrong pair is named, steps are undone, and quick clicks are not lost", a
 });
 
 test("marks are kept after a reload, in other pictures and in the other order; places are marked by keyboard", async () => {
-  const { page, complaints } = marking;
+  const { page, complaints } = await marking();
   const rows = rowsOf(page);
   await page.reload();
   await rows.nth(3).waitFor();
@@ -320,14 +328,15 @@ test("marks are kept after a reload, in other pictures and in the other order; p
   await page.keyboard.press("Escape");
   await says(page, "The pairs fit each other");
   assert.deepEqual(complaints, []);
+});
 
-  // Nothing was measured in the sky.
-  await page.goto(`${server.url}/control/?a=lost&b=yard`);
+test("in the sky, where nothing was measured, no place can be marked", async () => {
+  const { page, close } = await look("/control/?a=lost&b=yard");
   const box = await page.getByRole("group", { name: /image of station lost/i }).boundingBox();
   await page.mouse.click(box.x + box.width / 2, box.y + box.height * 0.2);
   await says(page, "There is no sample at this place");
-  assert.equal(await rows.count(), 0);
-  await marking.close();
+  assert.equal(await rowsOf(page).count(), 0);
+  await close();
 });
 
 test("without scripts the pages show the same, but do not zoom", async () => {
