@@ -44,6 +44,9 @@ pub(super) struct Args {
     /// Multiply the noise of ranges, intensities and colours; 0 is none.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     noise: f64,
+    /// Trace only every Nth column and row, and interpolate the samples between them where the surface is smooth: faster, but details between traced rays are lost.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    trace_every: u32,
     /// Leave out people, grass or scaffolding, separated by commas.
     #[arg(long, value_enum, value_name = "WHAT", value_delimiter = ',')]
     without: Vec<ExtraArg>,
@@ -102,6 +105,7 @@ impl Args {
                 PosesArg::Rough => Poses::Rough { position: self.rough_position, heading: self.rough_heading },
             },
             surveyed: self.surveyed,
+            trace_every: self.trace_every,
             utm: self.utm,
             extras: Extras {
                 walkers: with(ExtraArg::Walkers),

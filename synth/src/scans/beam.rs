@@ -22,7 +22,7 @@ pub struct Sample {
 
 impl Sample {
     /// A sample without a point.
-    fn none(class: Class) -> Self {
+    pub(super) fn none(class: Class) -> Self {
         Self { point: None, intensity: 0.5, color: [0; 3], class }
     }
 }
@@ -44,6 +44,23 @@ const SUN_LIGHT: f64 = 0.62;
 const LOST: f64 = 0.000_4;
 /// Range at which intensity has fallen to half of what the material would give, in metres.
 const HALF_INTENSITY: f64 = 60.0;
+
+/// What comes back from a direction, before any noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Echo {
+    /// Distance, in metres.
+    pub(super) range: f64,
+    /// Cosine of the angle of incidence.
+    pub(super) cosine: f64,
+    /// Light that comes back, as a share of that from a white surface, upright at 20 m.
+    pub(super) signal: f64,
+    /// Intensity, from 0 to 1.
+    pub(super) intensity: f64,
+    /// sRGB, from 0 to 255.
+    pub(super) color: [f64; 3],
+    /// What it truly is.
+    pub(super) class: Class,
+}
 
 /// What a beam met.
 #[derive(Debug, Clone, Copy)]
@@ -84,12 +101,10 @@ pub(super) struct Scratch {
 }
 
 impl Shot<'_> {
-    /// Measure along a direction: unit, in the fort's frame and in the scan's.
-    pub(super) fn measure(&self, d: DVec3, local: DVec3, cell: [u32; 2], scratch: &mut Scratch) -> Sample {
+    /// What comes back from a direction (unit, in the fort's frame), before any noise; nothing if nothing is in range.
+    pub(super) fn echo(&self, d: DVec3, scratch: &mut Scratch) -> Option<Echo> {
         self.trace(d, scratch);
-        let Some((first, last)) = self.reported(&mut scratch.returns) else {
-            return Sample::none(Class::Empty);
-        };
+        let (first, last) = self.reported(&mut scratch.returns)?;
         let group = &scratch.returns[first..last];
         let light: f64 = group.iter().map(|r| r.light).sum();
         let range = group.iter().map(|r| r.t * r.light).sum::<f64>() / light;
@@ -98,25 +113,32 @@ impl Shot<'_> {
         let (normal, albedo, class) = self.surface(main, place);
         let cosine = (-d.dot(normal)).clamp(0.02, 1.0);
         let class = if self.mixed(group, cosine, main.t) { Class::Mixed } else { class };
-
-        let h = hash3(self.seed, i64::from(cell[0]), i64::from(cell[1]), 0);
         let reflectance = (0.3 * albedo[0] + 0.6 * albedo[1] + 0.1 * albedo[2]) / 255.0;
         let signal = light * reflectance * cosine * (20.0 / range) * (20.0 / range);
+        let far = range / HALF_INTENSITY;
+        let intensity = 0.75 * light * reflectance * (0.25 + 0.75 * cosine) / (1.0 + far * far);
+        Some(Echo { range, cosine, signal, intensity, color: self.photographed(albedo, place, normal), class })
+    }
+
+    /// What the instrument reports of an echo, with its noise. `local`: the direction in the scan's frame.
+    pub(super) fn report(&self, echo: &Echo, local: DVec3, cell: [u32; 2]) -> Sample {
+        let h = hash3(self.seed, i64::from(cell[0]), i64::from(cell[1]), 0);
         let half = self.instrument.sensitivity;
-        if unit(h, 0) < LOST + (1.0 - LOST) * smooth(2.0 * half, 0.5 * half, signal) {
+        if unit(h, 0) < LOST + (1.0 - LOST) * smooth(2.0 * half, 0.5 * half, echo.signal) {
             return Sample::none(Class::Dropout);
         }
         let [a, b, c] = self.instrument.noise;
-        let sigma = self.noise * (a + b * range + c / cosine);
-        let measured = range + sigma * gauss(mix(h ^ 0x11));
+        let sigma = self.noise * (a + b * echo.range + c / echo.cosine);
+        let measured = echo.range + sigma * gauss(mix(h ^ 0x11));
         if measured < MIN_RANGE || measured > self.instrument.max_range {
             return Sample::none(Class::Empty);
         }
-        let far = range / HALF_INTENSITY;
-        let bright = 0.75 * light * reflectance * (0.25 + 0.75 * cosine) / (1.0 + far * far);
-        let intensity = bright * (1.0 + 0.03 * self.noise * gauss(mix(h ^ 0x22)));
-        let color = self.photographed(albedo, place, normal, h);
-        Sample { point: Some(local * measured), intensity: intensity.clamp(0.001, 1.0), color, class }
+        let intensity = echo.intensity * (1.0 + 0.03 * self.noise * gauss(mix(h ^ 0x22)));
+        let color = std::array::from_fn(|k| {
+            let grain = 2.0 * self.noise * gauss(mix(h ^ (0x33 + k as u64)));
+            (echo.color[k] + grain).round().clamp(0.0, 255.0) as u8
+        });
+        Sample { point: Some(local * measured), intensity: intensity.clamp(0.001, 1.0), color, class: echo.class }
     }
 
     /// Fill the scratch with what the rays of the beam meet.
@@ -241,17 +263,14 @@ impl Shot<'_> {
         }
     }
 
-    /// What a camera beside the instrument shows: sky and sun on the material.
-    fn photographed(&self, albedo: [f64; 3], place: DVec3, normal: DVec3, h: u64) -> [u8; 3] {
+    /// What a camera beside the instrument shows, without grain (sRGB, 0 to 255): sky and sun on the material.
+    fn photographed(&self, albedo: [f64; 3], place: DVec3, normal: DVec3) -> [f64; 3] {
         let facing = normal.dot(SUN);
         let lit = facing > 0.0 && !self.scene.is_shaded(place, normal, SUN);
         let light = SKY_LIGHT * (0.8 + 0.2 * normal.z) + if lit { SUN_LIGHT * facing } else { 0.0 };
         // Light is linear, colours are not: about the square root.
         let light = light.sqrt();
-        std::array::from_fn(|k| {
-            let grain = 2.0 * self.noise * gauss(mix(h ^ (0x33 + k as u64)));
-            (albedo[k] * light + grain).round().clamp(0.0, 255.0) as u8
-        })
+        albedo.map(|value| value * light)
     }
 }
 

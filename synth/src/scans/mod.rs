@@ -6,6 +6,7 @@
 //! name when it is complete.
 
 mod beam;
+mod columns;
 pub(crate) mod figures;
 mod format;
 mod instrument;
@@ -29,22 +30,22 @@ use crate::fort::scene::Scene;
 use crate::noise::{derive, hash3, normal};
 use crate::piece::weld;
 use crate::{UTM_CRS, UTM_ORIGIN, ply};
-use beam::{Scratch, Shot};
+use columns::Columns;
 use figures::Occasion;
 use format::Header;
 use glam::{DMat3, DVec3};
 use kilwa_pack::plural::counted;
 use props::Props;
-use rayon::prelude::*;
-use std::collections::VecDeque;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// Most stations.
 pub const MAX_STATIONS: u32 = 1_000;
 /// Fewest and most columns of the densest instrument.
 pub const COLUMNS: (u32, u32) = (16, 40_000);
+/// Maximum spacing of traced columns and rows.
+pub const MAX_TRACE_EVERY: u32 = 64;
 /// Fewest and most triangles of the true surface.
 pub const TRUTH_TRIANGLES: (u64, u64) = (20_000, 1_000_000_000);
 
@@ -128,6 +129,8 @@ pub struct ScanOptions {
     pub noise: f64,
     /// Instead of each instrument's own.
     pub returns: Option<Returns>,
+    /// Trace only every so many columns and rows, and interpolate the samples between where the surface is smooth; 1 traces all.
+    pub trace_every: u32,
     /// Also write the true surface, in about so many triangles.
     pub truth_mesh: Option<u64>,
 }
@@ -146,6 +149,7 @@ impl ScanOptions {
             extras: Extras::default(),
             noise: 1.0,
             returns: None,
+            trace_every: 1,
             truth_mesh: None,
         }
     }
@@ -192,6 +196,12 @@ pub enum ScanError {
     /// Too few or too many columns.
     #[error("cannot simulate {}: ask for {} to {}", counted(*asked, "column", "columns"), COLUMNS.0, COLUMNS.1)]
     Columns {
+        /// Asked for.
+        asked: u32,
+    },
+    /// The spacing of traced rays is zero or too large.
+    #[error("the spacing of traced columns and rows cannot be {asked}: give a number from 1 to {MAX_TRACE_EVERY}")]
+    TraceEvery {
         /// Asked for.
         asked: u32,
     },
@@ -279,6 +289,9 @@ fn check(options: &ScanOptions) -> Result<(), ScanError> {
     if !(COLUMNS.0..=COLUMNS.1).contains(&options.columns) {
         return Err(ScanError::Columns { asked: options.columns });
     }
+    if !(1..=MAX_TRACE_EVERY).contains(&options.trace_every) {
+        return Err(ScanError::TraceEvery { asked: options.trace_every });
+    }
     if let Some(asked) = options.truth_mesh
         && !(TRUTH_TRIANGLES.0..=TRUTH_TRIANGLES.1).contains(&asked)
     {
@@ -331,7 +344,7 @@ impl<'a> Survey<'a> {
             let mut stream = std::iter::from_fn(|| {
                 let column = columns.next()?;
                 done += column.as_ref().map_or(0, |column| column.len() as u64);
-                if columns.ready.is_empty() {
+                if columns.is_batch_taken() {
                     progress(done, total);
                 }
                 Some(column)
@@ -429,107 +442,6 @@ impl<'a> Survey<'a> {
         let eye = Scene::from_site(station.position);
         let at = Occasion { station: station.number, later: station.later, eye, floor: station.floor };
         let props = Props::new(figures::props(self.scene, derive(seed, 0xe3), self.options.extras, &at));
-        let (columns, rows) = station.instrument.grid(self.options.columns);
-        let step = (90.0 - LOWEST_ELEVATION) / f64::from(rows - 1);
-        let elevation = |row: u32| libm::sincos((LOWEST_ELEVATION + step * f64::from(row)).to_radians());
-        let axis = |v: DVec3| Scene::from_site(station.rotation * v);
-        Columns {
-            survey: (self.scene, self.options),
-            station,
-            props,
-            eye,
-            fort_from_scan: DMat3::from_cols(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z)),
-            elevations: (0..rows).map(elevation).collect(),
-            width: columns,
-            next: 0,
-            ready: VecDeque::new(),
-            labels: Some(BufWriter::new(labels)),
-            counts: [0; CLASSES],
-        }
-    }
-}
-
-/// The columns of a station, made in batches by all threads and delivered in order; their classes are written on the way.
-struct Columns<'a> {
-    survey: (&'a Scene, &'a ScanOptions),
-    station: &'a Station,
-    props: Props,
-    eye: DVec3,
-    fort_from_scan: DMat3,
-    /// Sine and cosine for each row.
-    elevations: Vec<(f64, f64)>,
-    width: u32,
-    next: u32,
-    ready: VecDeque<Vec<Sample>>,
-    labels: Option<BufWriter<File>>,
-    counts: [u64; CLASSES],
-}
-
-impl Columns<'_> {
-    fn fill(&mut self) {
-        let batch = (8 * rayon::current_num_threads() as u32).max(64);
-        let (from, to) = (self.next, self.next.saturating_add(batch).min(self.width));
-        let (scene, options) = self.survey;
-        let shot = Shot {
-            scene,
-            props: &self.props,
-            instrument: self.station.instrument,
-            returns: options.returns.unwrap_or(self.station.instrument.returns),
-            noise: options.noise,
-            eye: self.eye,
-            seed: derive(derive(options.seed, 0xe4), u64::from(self.station.number)),
-        };
-        let column = |scratch: &mut Scratch, column: u32| {
-            let (s, c) = libm::sincos(std::f64::consts::TAU * f64::from(column) / f64::from(self.width));
-            let sample = |(row, (up, flat)): (usize, &(f64, f64))| {
-                let local = DVec3::new(c * flat, s * flat, *up);
-                shot.measure(self.fort_from_scan * local, local, [column, row as u32], scratch)
-            };
-            self.elevations.iter().enumerate().map(sample).collect()
-        };
-        self.ready = (from..to).into_par_iter().map_init(Scratch::default, column).collect();
-        self.next = to;
-    }
-
-    fn label(&mut self, column: &[Sample]) -> io::Result<()> {
-        let Some(labels) = &mut self.labels else { return Ok(()) };
-        let mut bytes = Vec::with_capacity(column.len());
-        for sample in column {
-            self.counts[sample.class as usize] += 1;
-            bytes.push(sample.class as u8);
-        }
-        labels.write_all(&bytes)
-    }
-
-    /// All columns have been taken: complete the file of classes.
-    fn finish(mut self) -> io::Result<[u64; CLASSES]> {
-        if let Some(labels) = self.labels.take() {
-            labels.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-        }
-        Ok(self.counts)
-    }
-}
-
-impl Iterator for Columns<'_> {
-    type Item = io::Result<Vec<Sample>>;
-
-    fn next(&mut self) -> Option<Self::Item> {
-        if self.next == 0
-            && let Some(labels) = &mut self.labels
-        {
-            let rows = self.elevations.len() as u32;
-            let head = [&truth::LABELS[..], &self.width.to_le_bytes(), &rows.to_le_bytes()].concat();
-            if let Err(e) = labels.write_all(&head) {
-                return Some(Err(e));
-            }
-        }
-        if self.ready.is_empty() {
-            if self.next == self.width {
-                return None;
-            }
-            self.fill();
-        }
-        let column = self.ready.pop_front()?;
-        Some(self.label(&column).map(|()| column))
+        Columns::new(self.scene, self.options, station, props, labels)
     }
 }

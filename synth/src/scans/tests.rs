@@ -304,6 +304,40 @@ fn the_true_surface_lies_on_the_field_and_is_closed_but_for_the_border_of_the_gr
 }
 
 #[test]
+fn interpolated_samples_lie_near_the_traced_ones() {
+    let options = ScanOptions { noise: 0.0, trace_every: 4, ..ScanOptions::new(1, 205) };
+    let [sparse, full] = [options.clone(), ScanOptions { trace_every: 1, ..options }].map(|options| scanned(&options));
+    let (station, sparse, full) = (&full[0].0, &sparse[0].1, &full[0].1);
+    assert_eq!(sparse.len(), full.len());
+    let (columns, rows) = station.instrument.grid(205);
+    assert!(columns % 4 != 0 && (rows - 1) % 4 != 0, "the last cells have the full size");
+    let (mut off, mut same) = (Vec::new(), 0);
+    for (k, (a, b)) in sparse.iter().zip(full).enumerate() {
+        let (column, row) = (k as u32 / rows, k as u32 % rows);
+        if column % 4 == 0 && (row % 4 == 0 || row + 1 == rows) {
+            assert_eq!(a, b, "column {column}, row {row} is traced");
+        }
+        same += usize::from(a == b);
+        if let (Some(p), Some(q)) = (a.point, b.point)
+            && a.class == Class::Surface
+            && b.class == Class::Surface
+        {
+            off.push(p.distance(q) / q.length());
+        }
+    }
+    off.sort_unstable_by(f64::total_cmp);
+    let far = off.iter().filter(|off| **off > 0.05).count();
+    assert!(far * 100 < off.len(), "{far} of {} are far off the surface", off.len());
+    assert!(same * 10 < full.len() * 7, "{same} of {} samples were traced or are empty", full.len());
+    // A share of the range; traced rays are 0.12 apart.
+    assert!(
+        off[off.len() / 2] < 0.0025 && off[off.len() * 19 / 20] < 0.015,
+        "{:?}",
+        [1, 10, 19].map(|k| off[off.len() * k / 20])
+    );
+}
+
+#[test]
 fn impossible_options_are_refused_and_leave_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let refused = |options: &ScanOptions, name: &str| {
@@ -314,6 +348,10 @@ fn impossible_options_are_refused_and_leave_nothing() {
     assert!(refused(&ScanOptions { columns: 5, ..good.clone() }, "a").contains("ask for 16 to 40000"));
     assert!(refused(&ScanOptions { noise: f64::NAN, ..good.clone() }, "a").contains("the noise cannot be NaN"));
     assert!(refused(&ScanOptions { truth_mesh: Some(3), ..good.clone() }, "a").contains("triangles"));
+    for asked in [0, 65] {
+        let reason = refused(&ScanOptions { trace_every: asked, ..good.clone() }, "a");
+        assert!(reason.contains("give a number from 1 to 64"), "{reason}");
+    }
     let rough = Poses::Rough { position: -1.0, heading: 1.0 };
     assert!(refused(&ScanOptions { poses: rough, ..good.clone() }, "a").contains("positions cannot be -1"));
     assert!(names(folder.path()).is_empty());

@@ -35,6 +35,9 @@ pub(super) fn poses(options: &ScanOptions, crs: Option<&str>, entries: &[Entry<'
         line(format_args!("crs = \"{crs}\""));
     }
     line(format_args!("noise = {:?}", options.noise));
+    if options.trace_every > 1 {
+        line(format_args!("trace_every = {}", options.trace_every));
+    }
     match options.poses {
         Poses::True => line(format_args!("poses_in_scans = \"true\"")),
         Poses::None => line(format_args!("poses_in_scans = \"none\"")),
