@@ -1,7 +1,7 @@
 //! Joins stations into groups: first pairs with a unique relative pose, then groups, until no more can be joined.
 
 use super::ambiguous::ambiguous;
-use super::doubt::{Finding, MAX_GROUP_CONTRADICTED, MAX_KNOWN_CONTRADICTED};
+use super::doubt::{Finding, Limits, MAX_GROUP_CONTRADICTED, MAX_KNOWN_CONTRADICTED};
 use super::group::{CandidatePose, Group, Two};
 use super::known::Known;
 use super::pairs::{Pairs, drop_inconsistent, pairs};
@@ -158,7 +158,7 @@ fn best_of_groups(
             starts.extend(work.known.start(&groups[*a], &groups[*b]));
             let allows = |pose: Pose| work.known.allows(&groups[*a], &groups[*b], pose);
             let candidates = two.candidates(&correlator, &maps[a], &turned, &starts, allows);
-            (key(*a, *b), Finding::among(candidates, work.edge, MAX_GROUP_CONTRADICTED, |place| allows(place.pose)))
+            (key(*a, *b), Finding::among(candidates, work.edge, Limits::GROUP, |place| allows(place.pose)))
         };
         compared.extend(firsts.par_iter().map(of_pair).collect::<Vec<_>>());
         work.progress.update("joining groups", done as u64 + 1, seconds.len() as u64);

@@ -112,6 +112,12 @@ pub(super) struct CandidatePose {
 }
 
 impl CandidatePose {
+    /// A candidate for tests of the decision; its weakest direction is not used there.
+    #[cfg(test)]
+    pub(super) fn for_test(pose: Pose, verdict: Verdict, firmness: f64, median: f64) -> Self {
+        Self { pose, verdict, firmness, noise: 0.0, weakest: Vector6::zeros(), median }
+    }
+
     /// How much surface agrees; zero if rays of one pass through much of what the other saw.
     pub(super) fn score(&self) -> f64 {
         f64::from(self.verdict.agree) * (self.verdict.agreement() - 4.0 * self.verdict.contradicted()).max(0.0)
@@ -414,11 +420,6 @@ mod tests {
         Pose { rotation: DQuat::from_rotation_z(heading), translation: glam::DVec3::new(x, y, 0.5) }
     }
 
-    fn candidate(pose: Pose) -> CandidatePose {
-        let weakest = Vector6::zeros();
-        CandidatePose { pose, verdict: Verdict::default(), firmness: 0.0, noise: 0.0, weakest, median: 0.0 }
-    }
-
     #[test]
     fn candidate_poses_of_pairs_give_the_pose_of_one_group_in_the_other() {
         let survey = [pose(0.1, 1.0, 2.0), pose(2.0, 7.0, 3.0), pose(-1.0, 4.0, 9.0), pose(0.7, -3.0, 5.0)];
@@ -427,7 +428,9 @@ mod tests {
         // The lower number of a pair is once in the first group and once in the second.
         let first = group(&[member(0, frames[0]), member(3, frames[0])]);
         let second = group(&[member(1, frames[1]), member(2, frames[1])]);
-        let relative = |a: usize, b: usize| candidate(survey[b].then(survey[a].inverse()));
+        let relative = |a: usize, b: usize| {
+            CandidatePose::for_test(survey[b].then(survey[a].inverse()), Verdict::default(), 0.0, 0.0)
+        };
         let found = |a, b| ((a, b), Finding { candidates: vec![relative(a, b)], doubt: Some(Doubt::Little) });
         let pairs = BTreeMap::from([found(0, 1), found(2, 3), found(0, 3), found(1, 2)]);
         let poses = relative_poses(&first, &second, &pairs);

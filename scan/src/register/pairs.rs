@@ -1,9 +1,7 @@
 //! The pairs of stations: their candidate poses, and which pairs contradict others.
 
 use super::ambiguous::ELSEWHERE;
-use super::doubt::{
-    Doubt, Finding, MAX_CONTRADICTED, MAX_KNOWN_CONTRADICTED, MIN_AGREE, MIN_AGREEMENT, NEARBY, is_sound,
-};
+use super::doubt::{Doubt, Finding, Limits, MIN_AGREE, MIN_AGREEMENT, NEARBY, is_sound};
 use super::group::{CandidatePose, Group, Two, is_same};
 use super::known::Known;
 use super::view::View;
@@ -103,8 +101,8 @@ pub(super) fn pairs(
                     let of_second = symmetries[b].iter().map(|turn| turn.then(best));
                     two.add(&mut candidates, of_first.chain(of_second));
                 }
-                let most = if known.are_known(a, b) { MAX_KNOWN_CONTRADICTED } else { MAX_CONTRADICTED };
-                Finding::among(candidates, edge, most, |place| allows(place.pose))
+                let limits = if known.are_known(a, b) { Limits::KNOWN } else { Limits::PAIR };
+                Finding::among(candidates, edge, limits, |place| allows(place.pose))
             };
             progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
             Ok(((a, b), finding))

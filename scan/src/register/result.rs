@@ -195,11 +195,11 @@ pub struct Candidate {
     pub rotation: [f64; 4],
     /// And a translation, metres.
     pub translation: [f64; 3],
-    /// Share of the samples of the smaller view that the other sees too, 0 to 1.
+    /// Share of the surface of both stations that the other one should see too, 0 to 1.
     pub overlap: f64,
-    /// Share of the common samples that agree, 0 to 1.
+    /// Share of this common surface that agrees, 0 to 1.
     pub agreement: f64,
-    /// Share of the samples that rays of the other pass through, 0 to 1.
+    /// Share of it that rays of the other station pass through, 0 to 1.
     pub contradicted: f64,
     /// Root mean square distance between the surfaces where they agree, metres.
     pub residual: f64,
@@ -221,6 +221,13 @@ pub struct Link {
     /// Standard deviations of the relative pose from this link alone: the largest of a translation (metres) and of a rotation
     /// (radians) in any direction; `None` if either is not finite.
     pub sigma: Option<[f64; 2]>,
+}
+
+impl Candidate {
+    /// `survey_from_station` for this candidate.
+    pub fn pose(&self) -> Pose {
+        pose(self.rotation, self.translation)
+    }
 }
 
 impl Registration {

@@ -28,6 +28,8 @@ const PIXEL: f64 = 1.3;
 const WIDTH: f64 = 1440.0;
 /// The edge of the smallest voxels, as a multiple of the point spacing.
 const EDGE: f64 = 4.0;
+/// The smallest angle between rays that counts for this edge, radians: in denser scans, each plane is fitted to more points, and the number of planes does not grow.
+const FINEST: f64 = std::f64::consts::TAU / WIDTH;
 /// Number of azimuth steps of the horizontal range of view, and the maximum elevation at which a ray counts as horizontal, radians.
 const HORIZON: usize = 360;
 const BAND: f64 = 0.04;
@@ -60,8 +62,17 @@ pub(super) struct View {
     pub(super) points: Vec<Point>,
 }
 
-/// The median spacing of the points of a station, metres.
-pub(super) fn spacing(folder: &Path, station: &Station) -> Result<Option<f64>, ScanError> {
+/// The spacing of the points of a station, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Spacing {
+    /// The median.
+    median: f64,
+    /// The median if no rays of a grid were less than [`FINEST`] apart.
+    limited: f64,
+}
+
+/// The spacing of the points of a station; `None` if there are too few.
+fn spacing(folder: &Path, station: &Station) -> Result<Option<Spacing>, ScanError> {
     const LINES: u32 = 64;
     let mut reader = mask::open(folder, station, false)?;
     let header = *reader.header();
@@ -72,6 +83,7 @@ pub(super) fn spacing(folder: &Path, station: &Station) -> Result<Option<f64>, S
     if !header.is_grid {
         return cloud_spacing(&mut reader);
     }
+    let finest = |p: Vec3| if header.rays == Rays::Central { FINEST * p.as_dvec3().length() } else { 0.0 };
     let lines = header.grid.lines();
     let (mut line, mut next, mut all) = (Vec::new(), Vec::new(), Vec::new());
     let every = lines.div_ceil(LINES).max(1) as usize;
@@ -83,17 +95,22 @@ pub(super) fn spacing(folder: &Path, station: &Station) -> Result<Option<f64>, S
                 other.filter(|o| o.is_measured()).map(|o| header.rays.spacing(sample.position, o.position))
             });
             if let [Some(a), Some(b)] = beside {
-                all.push(a.max(b));
+                all.push((a.max(b), finest(sample.position)));
             }
         }
     }
-    all.retain(|v| *v > 0.0);
-    all.sort_unstable_by(f64::total_cmp);
-    Ok(all.get(all.len() / 2).copied())
+    all.retain(|(spacing, _)| *spacing > 0.0);
+    let median = |of: &dyn Fn(&(f64, f64)) -> f64| {
+        let mut values: Vec<f64> = all.iter().map(of).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    };
+    let limited = median(&|(spacing, finest)| spacing.max(*finest));
+    Ok(median(&|(spacing, _)| *spacing).zip(limited).map(|(median, limited)| Spacing { median, limited }))
 }
 
 /// The point spacing of a cloud without a grid, estimated as if the points were evenly spread over the occupied cells of a coarse grid.
-fn cloud_spacing(reader: &mut Reader) -> Result<Option<f64>, ScanError> {
+fn cloud_spacing(reader: &mut Reader) -> Result<Option<Spacing>, ScanError> {
     let [low, high] = reader.header().statistics.bounds;
     let edge = f64::from((high - low).max_element()) / 64.0;
     // All points in one place have no spacing.
@@ -105,10 +122,12 @@ fn cloud_spacing(reader: &mut Reader) -> Result<Option<f64>, ScanError> {
         occupied.insert((sample.as_dvec3() / edge).floor().as_ivec3());
         count += 1;
     })?;
-    Ok(Some((edge * (occupied.len().max(1) as f64 / count.max(1) as f64).sqrt()).max(MIN_SPACING)))
+    let median = (edge * (occupied.len().max(1) as f64 / count.max(1) as f64).sqrt()).max(MIN_SPACING);
+    // The origin of a cloud need not be the scanner, so ranges are unknown.
+    Ok(Some(Spacing { median, limited: median }))
 }
 
-/// The edge of the smallest voxels for stations whose points have these median spacings.
+/// The edge of the smallest voxels for stations whose points have these (limited) median spacings, metres.
 pub(super) fn edge(mut spacings: Vec<f64>) -> f64 {
     spacings.sort_unstable_by(f64::total_cmp);
     EDGE * spacings.get(spacings.len() / 2).copied().unwrap_or(0.02)
@@ -129,11 +148,11 @@ pub(super) fn load_all(
         step()?;
         spacing(folder, station)
     });
-    let spacings: Vec<Option<f64>> = spacings.collect::<Result<_, _>>()?;
-    let edge = edge(spacings.iter().copied().flatten().collect());
+    let spacings: Vec<Option<Spacing>> = spacings.collect::<Result<_, _>>()?;
+    let edge = edge(spacings.iter().flatten().map(|spacing| spacing.limited).collect());
     let views = stations.par_iter().zip(&spacings).map(|(station, spacing)| {
         step()?;
-        View::load(folder, station, edge, spacing.unwrap_or(edge))
+        View::load(folder, station, edge, spacing.map_or(edge, |spacing| spacing.median))
     });
     Ok((views.collect::<Result<_, _>>()?, edge))
 }
@@ -341,4 +360,38 @@ fn find(target: &View, position: DVec3, normal: DVec3, margin: f64) -> Option<f6
     let level = ((margin / target.surfels.edge(0)).log2().round() as usize + 1).min(LEVELS - 1);
     let found = target.surfels.find(level, position, normal, margin)?;
     Some((position - found.position).dot((found.normal + normal).normalize_or_zero()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::import::{Options, Silent, import};
+    use crate::survey::Survey;
+    use std::fmt::Write as _;
+
+    /// The spacing of a wall 5 m away, in steps of this angle.
+    fn of_wall(step: f64) -> Spacing {
+        let dir = tempfile::tempdir().unwrap();
+        let count = 40;
+        let mut text = format!("{count}\n{count}\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n");
+        text.push_str("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n");
+        for cell in 0..count * count {
+            let [y, z] = [cell / count, cell % count].map(|k| 5.0 * step * f64::from(k - count / 2));
+            writeln!(text, "5 {y} {z} 0.5").unwrap();
+        }
+        let (file, folder) = (dir.path().join("wall.ptx"), dir.path().join("survey"));
+        std::fs::write(&file, text).unwrap();
+        import(&folder, &[file], &Options::default(), &Silent).unwrap();
+        let survey = Survey::open(&folder).unwrap();
+        spacing(&folder, &survey.stations[0]).unwrap().unwrap()
+    }
+
+    #[test]
+    fn denser_scans_than_1440_points_per_turn_do_not_get_more_planes() {
+        let sparse = of_wall(0.01);
+        assert!((sparse.median - 0.05).abs() < 0.001 && sparse.limited == sparse.median, "{sparse:?}");
+        let dense = of_wall(0.001);
+        assert!((dense.median - 0.005).abs() < 0.0001, "{dense:?}");
+        assert!((dense.limited - 5.0 * std::f64::consts::TAU / 1440.0).abs() < 0.0001, "{dense:?}");
+    }
 }

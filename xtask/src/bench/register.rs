@@ -27,6 +27,9 @@ pub(super) struct Args {
     /// Number of columns per scan of the dense instrument
     #[arg(long, value_name = "N", default_value_t = 800)]
     columns: u32,
+    /// Trace only every Nth column and row of the scans, and interpolate between them: for large surveys
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    trace_every: u32,
     /// Threads of `kilwa register`; all cores by default
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: u32,
@@ -87,11 +90,16 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
     }
     let mut text = format!(
-        "{} surveys of {} stations, {} columns per scan of the dense instrument, without poses; seeds {} to {}; \
+        "{} surveys of {} stations, {} columns per scan of the dense instrument ({}), without poses; seeds {} to {}; \
          {} threads (0: all cores). Errors are relative to the anchor; wrong: more than 5 cm or 0.5°.\n\n",
         args.seeds,
         args.stations,
         args.columns,
+        if args.trace_every > 1 {
+            format!("one in {} columns and rows traced", args.trace_every)
+        } else {
+            "all traced".to_owned()
+        },
         args.first,
         args.first + args.seeds - 1,
         args.threads
@@ -112,22 +120,25 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if args.dry { Ok(()) } else { archive(&root, "register", &text, &args.profile) }
 }
 
-/// Simulates and imports a survey; its scans are removed, since they are ten times as large.
+/// Simulates and imports a survey; its scans are removed to save space.
 fn survey(args: &Args, root: &Path, kilwa: &Path, seed: u64) -> Result<Survey> {
-    let folder = root.join(format!("target/bench/register-{}-{}-{seed}", args.stations, args.columns));
+    let folder =
+        root.join(format!("target/bench/register-{}-{}-{}-{seed}", args.stations, args.columns, args.trace_every));
     let (scans, survey) = (folder.join("scans"), folder.join("survey"));
     let truth = scans.join("truth/poses.toml");
     if !(args.again && survey.join("survey.toml").is_file() && truth.is_file()) {
         drop(fs::remove_dir_all(&folder));
         fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
         let program = kilwa.to_string_lossy();
-        let [stations, columns, seed] =
-            [u64::from(args.stations), u64::from(args.columns), seed].map(|n| n.to_string());
+        let [stations, columns, every, seed] =
+            [u64::from(args.stations), u64::from(args.columns), u64::from(args.trace_every), seed]
+                .map(|n| n.to_string());
         let synth = ["synth", "scans", "--stations", &stations, "--columns", &columns, "--seed", &seed];
-        run_command(command(&program, &synth)?.args(["--poses", "none", "-o"]).arg(&scans))?;
+        let mut synth = command(&program, &synth)?;
+        run_command(synth.args(["--trace-every", &every, "--format", "e57", "--poses", "none", "-o"]).arg(&scans))?;
         run_command(command(&program, &["scans", "import", "-o"])?.arg(&survey).arg(&scans))?;
         for entry in fs::read_dir(&scans)?.collect::<Result<Vec<_>, _>>()? {
-            if entry.path().extension().is_some_and(|end| end == "ptx") {
+            if entry.path().extension().is_some_and(|end| end == "e57") {
                 fs::remove_file(entry.path())?;
             }
         }
