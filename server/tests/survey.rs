@@ -6,7 +6,7 @@ use axum::http::StatusCode;
 use kilwa_scan::import::{Options, Silent, import};
 use kilwa_scan::mask::{self, MaskReader, Recipe, Request, make};
 use kilwa_scan::panorama::{Show, mask_color, range_color, render};
-use kilwa_scan::register::{Link, Placed, Placement, Registration, Unplaced};
+use kilwa_scan::register::{Candidate, Link, Placed, Placement, Registration, Unplaced};
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::Survey;
 use kilwa_server::{Catalogue, SITE_FILE, Site, SiteFile, Surveyed, app};
@@ -259,6 +259,59 @@ async fn the_page_shows_the_result_of_a_registration() {
     edit(&folder, |text| text.replacen("translation = [8.0, 1.0, 0.0]", "translation = [8.5, 1.0, 0.0]", 1));
     let html = get(&app, "/").await.text();
     assert!(html.contains("pose changed since the registration") && !html.contains("class=\"link"), "{html}");
+}
+
+#[tokio::test]
+async fn stations_that_could_not_be_placed_are_shown_with_their_picture_and_candidates() {
+    let (_dir, folder) = survey();
+    add(&folder, "lost", &room(60, 40, [20.0, 0.0], false));
+    let mut found = registered(&folder);
+    let candidate = |matched_with: &str, x: f64, residual: f64| Candidate {
+        matched_with: matched_with.to_owned(),
+        // Half a turn about the vertical axis.
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        translation: [x, -1.25, 0.5],
+        overlap: 0.12,
+        agreement: 0.93,
+        contradicted: 0.045,
+        residual,
+    };
+    found.unplaced[0].candidates = vec![candidate("west", 3.0, 0.01), candidate("east", 4.0, 0.02)];
+    found.unplaced[0].candidates.extend([candidate("west", 4000.0, 0.03), candidate("removed", 3.0, 0.04)]);
+    found.save(&folder).unwrap();
+    let (app, _) = serve(&folder);
+    let html = get(&app, "/").await.text();
+    let list = html.split("id=\"refused\"").nth(1).unwrap().split("</section>").next().unwrap();
+    assert!(
+        list.contains(
+            "src=\"/stations/lost/range.png\" width=\"60\" height=\"40\" alt=\"Range image of station lost\""
+        ),
+        "{list}"
+    );
+    assert_eq!(pixels(&get(&app, "/stations/lost/range.png").await).0, 60);
+    let rows: Vec<&str> = list.split("<tr role=\"row\">").skip(2).collect();
+    assert_eq!(rows.len(), 3, "without the station that is not in the survey: {list}");
+    for part in ["<bdi>west</bdi>", "3.000; −1.250; 0.500 m", "270.0°", ">12 %<", ">93 %<", ">4.5 %<", ">10.0 mm<"] {
+        assert!(rows[0].contains(part), "{part}: {}", rows[0]);
+    }
+    // Without the one far outside.
+    let plan = html.split("<svg class=\"content\"").nth(1).unwrap().split("</svg>").next().unwrap();
+    assert_eq!(plan.matches("<g class=\"candidate\" role=\"img\">").count(), 2, "{plan}");
+    assert!(plan.contains("<title>Candidate pose of lost, matched with east</title>"), "{plan}");
+    assert!(html.contains("</svg> Candidate pose of an unplaced station"), "{html}");
+    for (language, text) in [("fr", "Concordance"), ("pt", "Concordância"), ("sw", "Ulinganifu"), ("ar", "التوافق")]
+    {
+        assert!(get(&app, &format!("/?lang={language}")).await.text().contains(text), "{language}");
+    }
+    // Relative to a station whose pose was changed since, a candidate has no position.
+    edit(&folder, |text| text.replacen("translation = [8.0, 1.0, 0.0]", "translation = [8.5, 1.0, 0.0]", 1));
+    let html = get(&app, "/").await.text();
+    assert_eq!(html.matches("<title>Candidate pose of lost").count(), 1);
+    let list = html.split("id=\"refused\"").nth(1).unwrap().split("</section>").next().unwrap();
+    assert!(list.contains("3.000; −1.250") && !list.contains("4.000; −1.250"), "{list}");
+    std::fs::remove_file(folder.join("stations/lost.scan")).unwrap();
+    let html = get(&app, "/").await.text();
+    assert!(html.contains("id=\"refused\"") && !html.contains("range.png\" alt"), "{html}");
 }
 
 #[tokio::test]

@@ -152,6 +152,19 @@ impl Plan {
         [at.x, self.size()[1] - at.y]
     }
 
+    /// Whether a place of the drawing is on it.
+    pub(crate) fn contains(&self, [x, y]: [f64; 2]) -> bool {
+        let [width, height] = self.size();
+        (0.0..=width).contains(&x) && (0.0..=height).contains(&y)
+    }
+
+    /// The end of the line that shows the heading of a station, in the drawing.
+    pub(crate) fn ahead(&self, pose: Pose) -> [f64; 2] {
+        let [x, y] = self.at(pose.translation);
+        let ahead = (pose.rotation * DVec3::X).truncate().normalize_or_zero() * 2.6 * DOT;
+        [x + ahead.x, y - ahead.y]
+    }
+
     /// What is where of a survey.
     pub(crate) fn drawing<'a>(&self, survey: &'a Survey) -> Drawing<'a> {
         let placed = survey.stations.iter().filter_map(|station| Some((station.name.as_str(), station.pose?)));
@@ -164,10 +177,7 @@ impl Plan {
         let bar = bar((self.max - self.min).x, self.scale());
         let mut labels = labels(&named, size, bar.length).into_iter();
         let mut marks = named.iter().zip(0..).map(|((name, [x, y]), k)| {
-            let end = placed.get::<usize>(k).map(|(_, pose)| {
-                let ahead = (pose.rotation * DVec3::X).truncate().normalize_or_zero() * 2.6 * DOT;
-                [text(x + ahead.x), text(y - ahead.y)]
-            });
+            let end = placed.get::<usize>(k).map(|(_, pose)| self.ahead(*pose).map(text));
             Mark { name, x: text(*x), y: text(*y), end, label: labels.next().flatten() }
         });
         Drawing {

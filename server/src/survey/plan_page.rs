@@ -2,7 +2,7 @@
 
 use super::control_page;
 use super::plan::{Drawing, Known, Plan, heading};
-use super::registered::{self, Certainty, Found, Line, LinkRow, Refused};
+use super::registered::{self, CandidateMark, Certainty, Found, Line, LinkRow, Refused};
 use crate::portal::frame::{Reader, Top};
 use crate::portal::language::Language;
 use askama::Template;
@@ -31,8 +31,13 @@ pub(crate) fn coordinates(pose: Pose, l: &'static Language) -> String {
 
 /// Where a scanner faces.
 pub(crate) fn facing(pose: Pose, l: &'static Language) -> String {
+    degrees(heading(pose), l)
+}
+
+/// An azimuth, degrees from 0 to 360.
+pub(crate) fn degrees(azimuth: f64, l: &'static Language) -> String {
     // What rounds to a whole turn is north.
-    let degrees = format!("{:.1}", heading(pose));
+    let degrees = format!("{azimuth:.1}");
     l.decimals(if degrees == "360.0" { "0.0" } else { &degrees }) + "°"
 }
 
@@ -81,6 +86,8 @@ struct Shown<'a> {
     /// Stations of the weakest chain.
     chain_names: &'a [String],
     links: Vec<Line>,
+    /// Poses that stations that could not be placed may have.
+    candidates: Vec<CandidateMark>,
     /// Grades of residuals and their bounds.
     legend: Vec<(usize, String)>,
     /// Whether up is north.
@@ -123,7 +130,7 @@ pub(crate) fn page(
     let l = reader.language;
     let samples = stations.iter().filter_map(|(_, facts)| facts.header.as_ref().ok());
     let samples: u64 = samples.map(|header| header.statistics.measured).sum();
-    let refused = found.map(|found| registered::refused(found, survey, reader)).unwrap_or_default();
+    let refused = found.map(|found| registered::refused(found, survey, stations, reader)).unwrap_or_default();
     let is_refused = |name: &str| refused.iter().any(|one| one.name == name);
     let unknown = survey.stations.iter().filter(|station| station.pose.is_none() && !is_refused(&station.name));
     let unknown = unknown.map(|station| (address(&station.name, reader), station.name.as_str())).collect();
@@ -182,6 +189,7 @@ fn shown<'a>(plan: &Plan, survey: &'a Survey, found: Option<&'a Registration>, l
         chain_names: found.filter(|_| !chain.is_empty()).map(|found| &*found.weakest_chain).unwrap_or_default(),
         chain,
         links,
+        candidates: found.map(|found| registered::candidates(found, plan, survey, l)).unwrap_or_default(),
         legend,
         drawing,
         has_north: survey.crs.is_some(),

@@ -1,12 +1,13 @@
 //! Registration results (`registration.json`) on the page of a survey: links on the plan, how certain stations are, and which stations were not placed.
 
 use super::control_page;
-use super::plan::Plan;
+use super::plan::{Known, Plan, heading};
+use super::plan_page::{coordinates, degrees};
 use super::{Surveyed, stamp};
 use crate::portal::frame::Reader;
 use crate::portal::language::Language;
 use kilwa_scan::plan::text;
-use kilwa_scan::register::{FILE, Grades, Link, Placement, Registration};
+use kilwa_scan::register::{Candidate, FILE, Grades, Link, Placement, Registration, Unplaced};
 use kilwa_scan::survey::{Station, Survey};
 use std::sync::{Arc, PoisonError};
 
@@ -105,8 +106,8 @@ pub(crate) struct LinkRow<'a> {
 /// All links, the largest residual first, without those of stations whose poses were changed since.
 pub(crate) fn link_rows<'a>(found: &'a Registration, survey: &Survey, l: &'static Language) -> Vec<LinkRow<'a>> {
     let Some(grades) = Grades::of(&found.links) else { return Vec::new() };
-    let is_current = |name: &String| survey.stations.iter().any(|s| s.name == *name && found.of(s).is_some());
-    let mut sorted: Vec<&Link> = found.links.iter().filter(|link| link.stations.iter().all(is_current)).collect();
+    let are_current = |link: &&Link| link.stations.iter().all(|name| is_current(found, survey, name));
+    let mut sorted: Vec<&Link> = found.links.iter().filter(are_current).collect();
     sorted.sort_by(|a, b| b.residual.total_cmp(&a.residual).then_with(|| a.stations.cmp(&b.stations)));
     let row = |link: &'a Link| LinkRow {
         names: link.stations.each_ref().map(String::as_str),
@@ -164,15 +165,115 @@ pub(crate) struct Refused<'a> {
     pub(crate) remedy: &'a str,
     /// Address of the page where its control points are marked.
     pub(crate) control: String,
+    /// None if the station cannot be read.
+    pub(crate) picture: Option<Picture>,
+    pub(crate) candidates: Vec<CandidateRow<'a>>,
+    pub(crate) candidate_count: String,
+}
+
+/// The range image of a station.
+pub(crate) struct Picture {
+    pub(crate) address: String,
+    /// Columns and rows of its grid, which have the proportions of the image; none of a cloud.
+    pub(crate) size: Option<[u32; 2]>,
+    pub(crate) alternative: String,
+}
+
+/// A candidate pose in the list.
+pub(crate) struct CandidateRow<'a> {
+    pub(crate) matched_with: &'a str,
+    /// Position and heading; none if the pose of the other station has been changed since.
+    pub(crate) pose: Option<[String; 2]>,
+    pub(crate) overlap: String,
+    pub(crate) agreement: String,
+    pub(crate) contradicted: String,
+    pub(crate) residual: String,
+}
+
+fn candidate_row<'a>(
+    candidate: &'a Candidate,
+    found: &Registration,
+    survey: &Survey,
+    l: &'static Language,
+) -> CandidateRow<'a> {
+    let pose = candidate.pose();
+    CandidateRow {
+        matched_with: &candidate.matched_with,
+        pose: is_current(found, survey, &candidate.matched_with)
+            .then(|| [coordinates(pose, l), degrees(heading(pose), l)]),
+        overlap: percent(candidate.overlap, l),
+        agreement: percent(candidate.agreement, l),
+        contradicted: percent(candidate.contradicted, l),
+        residual: millimetres(candidate.residual, l),
+    }
+}
+
+/// A candidate pose in the drawing.
+pub(crate) struct CandidateMark {
+    pub(crate) at: [String; 2],
+    /// The end of the line that shows its heading.
+    pub(crate) end: [String; 2],
+    pub(crate) what: String,
+}
+
+/// The candidate poses of stations that could not be placed, as far as they are on the plan and relative to stations that still have their registered poses.
+pub(crate) fn candidates(
+    found: &Registration,
+    plan: &Plan,
+    survey: &Survey,
+    l: &'static Language,
+) -> Vec<CandidateMark> {
+    let all = open(found, survey).flat_map(|one| one.candidates.iter().map(move |candidate| (one, candidate)));
+    all.filter(|(_, candidate)| is_current(found, survey, &candidate.matched_with))
+        .filter_map(|(one, candidate)| {
+            let pose = candidate.pose();
+            let what =
+                l.with("surveyCandidateOf", &[("name", one.name.as_str()), ("other", candidate.matched_with.as_str())]);
+            let at = plan.at(pose.translation);
+            plan.contains(at).then(|| CandidateMark { at: at.map(text), end: plan.ahead(pose).map(text), what })
+        })
+        .collect()
+}
+
+/// Whether a station still has its registered pose.
+fn is_current(found: &Registration, survey: &Survey, name: &str) -> bool {
+    survey.stations.iter().any(|station| station.name == name && found.of(station).is_some())
 }
 
 /// The stations of the survey that could not be placed and were not fixed since.
-pub(crate) fn refused<'a>(found: &'a Registration, survey: &Survey, reader: &Reader<'_>) -> Vec<Refused<'a>> {
+fn open<'a>(found: &'a Registration, survey: &Survey) -> impl Iterator<Item = &'a Unplaced> {
     let is_open = |name: &str| survey.stations.iter().any(|station| station.name == name && !station.is_fixed);
-    let refused = found.unplaced.iter().filter(|one| is_open(&one.name));
+    found.unplaced.iter().filter(move |one| is_open(&one.name))
+}
+
+/// The stations of the survey that could not be placed and were not fixed since.
+pub(crate) fn refused<'a>(
+    found: &'a Registration,
+    survey: &Survey,
+    stations: &[Known<'_>],
+    reader: &Reader<'_>,
+) -> Vec<Refused<'a>> {
+    let l = reader.language;
     let link = |name: &str| control_page::link(&[Some(name), best_match(found, survey, name)], reader);
-    refused
-        .map(|one| Refused { name: &one.name, reason: &one.reason, remedy: &one.remedy, control: link(&one.name) })
+    let picture = |name: &str| {
+        let (_, facts) = stations.iter().find(|(station, facts)| station.name == name && facts.trouble().is_none())?;
+        let grid = facts.header.as_ref().ok().filter(|header| header.is_grid).map(|header| header.grid);
+        Some(Picture {
+            address: format!("/stations/{name}/range.png"),
+            size: grid.map(|grid| [grid.columns, grid.rows]),
+            alternative: l.with("surveyRefusedPicture", &[("name", name)]),
+        })
+    };
+    open(found, survey)
+        .map(|one| Refused {
+            name: &one.name,
+            reason: &one.reason,
+            remedy: &one.remedy,
+            control: link(&one.name),
+            picture: picture(&one.name),
+            candidate_count: l.count(one.candidates.len() as u64),
+            candidates: one.candidates.iter().map(|candidate| candidate_row(candidate, found, survey, l)).collect(),
+        })
         .collect()
 }
 
